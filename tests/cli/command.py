@@ -1,0 +1,42 @@
+"""Runs the real command in a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import tomli_w
+
+from tests.small_scenario import small_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def command_line(*arguments: str | Path) -> list[str]:
+    """The argument vector of the command ``twin``."""
+    return [sys.executable, "-m", "twin", *map(str, arguments)]
+
+
+def environment() -> dict[str, str]:
+    """An environment in which the package is found and the terminal is a plain one."""
+    return {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "200"}
+
+
+def twin(*arguments: str | Path, cwd: Path, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Run ``twin`` with these arguments to its end."""
+    return subprocess.run(
+        command_line(*arguments),
+        cwd=cwd,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+
+
+def write_scenario(folder: Path, name: str = "small", **changes: object) -> Path:
+    """Write the small scenario with changes to ``folder/name.toml``."""
+    path = folder / f"{name}.toml"
+    path.write_text(tomli_w.dumps(small_scenario(**changes)))
+    return path

@@ -1,0 +1,72 @@
+"""Checks and baselines."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from tests.small_scenario import small_scenario
+from twin.errors import BadInputError
+from twin.scenario import resolve
+from twin.scoring import baselines
+from twin.scoring.baselines import Baseline
+from twin.scoring.checks import judge, require_known
+
+
+def _judge(metrics: dict[str, float], **check: float | str) -> bool:
+    scenario = resolve(small_scenario(checks=[check]), where="test")
+    return judge(scenario, metrics)[0].ok
+
+
+def test_bounds_hold_up_to_and_including_their_value() -> None:
+    assert _judge({"a": 1.0}, metric="a", max=1.0)
+    assert not _judge({"a": 1.0 + 1e-9}, metric="a", max=1.0)
+    assert _judge({"a": 1.0}, metric="a", min=1.0)
+    assert not _judge({"a": 0.9}, metric="a", min=1.0)
+
+
+def test_ratios_hold_within_their_bounds() -> None:
+    assert _judge({"a": 1.0, "b": 5.0}, metric="a", ratio_to="b", max_ratio=0.2)
+    assert not _judge({"a": 1.1, "b": 5.0}, metric="a", ratio_to="b", max_ratio=0.2)
+    assert not _judge({"a": 1.0, "b": 5.0}, metric="a", ratio_to="b", min_ratio=0.3)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_not_a_number_fails(value: float) -> None:
+    assert not _judge({"a": value}, metric="a", max=1.0)
+    assert not _judge({"a": 1.0, "b": value}, metric="a", ratio_to="b", min_ratio=0.0)
+    assert not _judge({"a": 1.0, "b": 0.0}, metric="a", ratio_to="b", max_ratio=2.0)
+
+
+def test_a_check_on_an_unknown_metric_names_the_nearest() -> None:
+    scenario = resolve(small_scenario(checks=[{"metric": "central.position.rms_m", "max": 1.0}]), where="test")
+    with pytest.raises(BadInputError, match=r"file: checks.0.metric: .*did you mean 'central.position.rmse_m'"):
+        require_known(scenario, ["central.position.rmse_m"], where="file")
+
+
+def test_a_baseline_holds_within_its_tolerance_and_only_there() -> None:
+    baseline = Baseline(2.0, 1e-3)
+    assert baseline.holds(2.0019)
+    assert not baseline.holds(2.0021)
+    assert not baseline.holds(math.nan)
+    assert Baseline(math.nan).holds(math.nan)
+
+
+def test_baselines_survive_the_file_and_an_update_rewrites_only_what_moved(tmp_path: Path) -> None:
+    path = tmp_path / "baselines" / "a.csv"
+    baselines.write(path, baselines.updated({}, {"a": 1.0 / 3.0, "b": 2.0, "gone": 3.0}))
+    before = path.read_text().splitlines()
+    known = baselines.read(path)
+    now = {"a": 1.0 / 3.0 * (1.0 + 1e-4), "b": 2.5}
+    assert {line.partition(":")[0] for line in baselines.drifted(known, now)} == {"b", "gone"}
+    baselines.write(path, baselines.updated(known, now))
+    after = path.read_text().splitlines()
+    assert [line for line in after if line not in before] == ["b,2.5,0.001"]
+    assert not baselines.drifted(baselines.read(path), now)
+
+
+def test_a_broken_baseline_is_bad_input(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("metric,value\na,notanumber\n")
+    with pytest.raises(BadInputError, match="not a baseline"):
+        baselines.read(path)

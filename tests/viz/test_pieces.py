@@ -1,0 +1,197 @@
+"""Scene, terrain mesh, thinning, labels, joints, legend corners, text: pieces with closed-form answers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+import rerun.blueprint as rrb
+
+from tests.viz.synthetic_run import make_recording, make_scene
+from twin.signals import NS_PER_S
+from viz import entities
+from viz.blueprint import emptiest_corner
+from viz.layers.estimates import ellipse_axes
+from viz.layers.machine import joint_transform
+from viz.layers.plots import true_values
+from viz.layers.states import segment_labels
+from viz.legible import legible
+from viz.scene import Scene
+from viz.sheet import Curve, Run
+from viz.terrain import MAX_TEXELS, Window, grid_lines, terrain_mesh, window_around
+from viz.thinning import changes, spaced, steps, thin
+
+
+def plane_scene(slope_e: float = 0.1, slope_n: float = -0.05) -> Scene:
+    e, n = np.meshgrid(np.arange(201) * 0.5 - 30.0, np.arange(161) * 0.5 - 20.0)
+    return Scene(
+        urdf=None,
+        heights=3.0 + slope_e * e + slope_n * n,
+        origin_m=(-30.0, -20.0),
+        cell_m=0.5,
+        planned_path=np.empty((0, 2)),
+    )
+
+
+def test_height_is_bilinear_exact_on_a_plane_and_held_at_the_edge() -> None:
+    scene = plane_scene()
+    e, n = np.array([0.0, 12.34, -30.0, 70.0]), np.array([0.0, 3.21, -20.0, 60.0])
+    np.testing.assert_allclose(scene.height_at(e, n), 3.0 + 0.1 * e - 0.05 * n, atol=1e-12)
+    np.testing.assert_allclose(scene.height_at(np.array([1e3]), np.array([0.0])), 3.0 + 0.1 * 70.0)
+    assert np.isnan(scene.height_at(np.array([np.nan]), np.array([0.0]))).all()
+
+
+def test_scene_refuses_what_is_no_ground() -> None:
+    with pytest.raises(ValueError, match="heights"):
+        Scene(urdf=None, heights=np.zeros(5), origin_m=(0, 0), cell_m=1.0, planned_path=np.empty((0, 2)))
+    with pytest.raises(ValueError, match="cell_m"):
+        Scene(urdf=None, heights=np.zeros((5, 5)), origin_m=(0, 0), cell_m=0.0, planned_path=np.empty((0, 2)))
+
+
+@pytest.mark.parametrize("budget", [500, 40_000])
+def test_terrain_mesh_lies_on_the_ground_and_faces_up(budget: int) -> None:
+    scene = plane_scene()
+    mesh = terrain_mesh(scene, Window(rows=(10, 150), columns=(20, 180)), max_vertices=budget)
+    assert len(mesh.vertices) <= budget
+    e, n, u = mesh.vertices.astype(float).T
+    np.testing.assert_allclose(u, 3.0 + 0.1 * e - 0.05 * n, atol=1e-4)
+    normal = np.array([-0.1, 0.05, 1.0]) / np.linalg.norm([-0.1, 0.05, 1.0])
+    np.testing.assert_allclose(mesh.normals, np.tile(normal, (len(mesh.normals), 1)), atol=1e-3)
+    corner = mesh.vertices[mesh.triangles].astype(float)
+    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    assert (area[:, 2] > 0).all()
+    # the triangles cover the window once: 159 x 139 cells of 0.5 m
+    assert area[:, 2].sum() / 2 == pytest.approx(159 * 139 * 0.25, rel=1e-6)
+    assert mesh.texture.shape[0] * mesh.texture.shape[1] <= MAX_TEXELS
+    assert mesh.texture.std() > 3.0
+
+
+def test_soil_pattern_is_fixed_to_the_ground() -> None:
+    """Seen through another window, the same place has the same pattern, or motion would be drawn wrongly."""
+    scene = plane_scene(0.0, 0.0)
+    first = terrain_mesh(scene, Window(rows=(0, 100), columns=(0, 100))).texture
+    second = terrain_mesh(scene, Window(rows=(0, 100), columns=(10, 110))).texture
+    fine = first.shape[1] // 100
+    np.testing.assert_array_equal(first[:, 10 * fine :], second[:, : -10 * fine])
+
+
+def test_window_holds_points_and_margin_and_stays_inside() -> None:
+    scene = plane_scene()
+    window = window_around(scene, np.array([[0.0, 0.0], [10.0, 5.0], [np.nan, 0.0]]), margin_m=4.0)
+    # east -4 to 14 is columns 52 to 88, north -4 to 9 is rows 32 to 58; half-open
+    assert window == Window(rows=(32, 59), columns=(52, 89))
+    far = window_around(scene, np.array([[1e4, 1e4]]))
+    assert far.rows[1] <= 161
+    assert far.columns[1] <= 201
+    assert far.rows[1] - far.rows[0] >= 2
+
+
+def test_grid_lines_are_ten_metres_apart() -> None:
+    scene = plane_scene()
+    lines = grid_lines(scene, Window(rows=(0, 161), columns=(0, 201)))
+    # east -30 to 70 has 11 tens, north -20 to 60 has 9
+    assert len(lines) == 20
+    assert sorted({float(line[0, 0]) for line in lines[:11]}) == [10.0 * k for k in range(-3, 8)]
+
+
+def test_thinning_keeps_both_ends_and_the_rate() -> None:
+    t_ns = np.arange(1000) * 2_000_000
+    keep = thin(t_ns, 50.0)
+    assert keep.tolist() == [*range(0, 1000, 10), 999]
+    assert thin(t_ns, 500.0).tolist() == list(range(1000))
+    assert thin(t_ns[:1], 50.0).tolist() == [0]
+    assert thin(t_ns[:0], 50.0).tolist() == []
+
+
+def test_changes_and_steps() -> None:
+    assert changes(np.array([4.0, 4.0, 5.0, np.nan, np.nan, 5.0])).tolist() == [0, 2, 3, 5]
+    assert steps(np.array([[0.0], [1e-6], [2e-6], [0.01], [0.01], [0.01]]), 1e-4).tolist() == [0, 3, 5]
+    assert steps(np.array([[1.0]]), 1e-4).tolist() == [0]
+
+
+def test_spaced_points_ignore_standstill_and_nan() -> None:
+    points = np.array([[0, 0], [0.1, 0], [0.1, 0], [0.5, 0], [np.nan, 0], [0.9, 0], [1.0, 0]], dtype=float)
+    assert spaced(points, 0.4).tolist() == [0, 3, 5]
+
+
+def test_ellipse_axes_are_eigenvalues() -> None:
+    matrix = np.array([[0.5, 0.2], [0.2, 0.1]])
+    values, vectors = np.linalg.eigh(matrix)
+    long, short, angle = ellipse_axes(*(np.array([v]) for v in (0.5, 0.2, 0.1)))
+    np.testing.assert_allclose([short[0] ** 2, long[0] ** 2], values)
+    assert abs(vectors[:, 1] @ [np.cos(angle[0]), np.sin(angle[0])]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("kind", "rpy"), [("continuous", "0.3 -0.2 1.1"), ("prismatic", "0.3 -0.2 1.1")])
+def test_joint_transforms_are_the_sdk_s(tmp_path: Path, kind: str, rpy: str) -> None:
+    limit = '<limit lower="-3" upper="3" effort="1" velocity="1"/>' if kind == "prismatic" else ""
+    urdf = tmp_path / "joint.urdf"
+    urdf.write_text(
+        f'<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{kind}"><parent link="a"/>'
+        f'<child link="b"/><origin xyz="1 2 3" rpy="{rpy}"/><axis xyz="0 0.6 0.8"/>{limit}</joint></robot>'
+    )
+    joint = rr.urdf.UrdfTree.from_file_path(urdf).get_joint_by_name("j")
+    assert joint is not None
+    value = np.array([-2.0, 0.0, 0.4, 2.9])
+    translation, quaternion = joint_transform(joint, value)
+    for index, angle in enumerate(value):
+        expected = joint.compute_transform(angle, clamp=False)
+        assert expected.translation is not None
+        assert expected.quaternion is not None
+        np.testing.assert_allclose(translation[index], expected.translation.as_arrow_array().flatten(), atol=1e-6)
+        theirs = expected.quaternion.as_arrow_array().flatten().to_numpy()
+        assert abs(theirs @ quaternion[index]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_segments_are_named_by_the_scene_then_by_the_driver_then_by_number(tmp_path: Path) -> None:
+    recording = make_recording(30.0)
+    run = Run(recording=recording, scene=make_scene(tmp_path), result={})
+    segment = recording.truth.column("segment")[:, 0]
+    t_ns = recording.truth.t_ns
+    assert list(segment_labels(run, t_ns, segment).values())[:2] == ["stand 5 s", "straight 15 m"]
+    recording.events.clear()
+    assert list(segment_labels(run, t_ns, segment).values())[:2] == ["segment 0", "segment 1"]
+
+
+def test_truth_between_rows_is_interpolated_the_short_way_round(tmp_path: Path) -> None:
+    recording = make_recording(6.0)
+    heading = recording.truth.columns.index("heading_rad")
+    recording.truth.values[:, 0, heading] = np.where(recording.truth.t_ns >= NS_PER_S, -3.1, 3.1)
+    run = Run(recording=recording, scene=make_scene(tmp_path), result={})
+    between = true_values(run, "heading_rad", np.array([990_000_000]))
+    assert between is not None
+    # half way from 3.1 to -3.1 + 2 pi
+    assert between[0] == pytest.approx(np.pi, abs=1e-9)
+
+
+def corner_of(*lines: np.ndarray) -> rrb.Corner2D:
+    t_ns = np.arange(100) * NS_PER_S
+    curves = [Curve(name=str(index), t_ns=t_ns, values=values) for index, values in enumerate(lines)]
+    return emptiest_corner(curves, 99 * NS_PER_S)
+
+
+def test_the_legend_goes_where_the_curves_are_not() -> None:
+    rising = np.linspace(0.0, 1.0, 100)
+    assert corner_of(rising) in {rrb.Corner2D.LeftTop, rrb.Corner2D.RightBottom}
+    assert corner_of(rising[::-1]) in {rrb.Corner2D.RightTop, rrb.Corner2D.LeftBottom}
+    # a long standstill at zero in the middle, then a wild end: only the left corners are free
+    wild = np.where(rising < 0.6, 0.0, np.sin(60 * rising))
+    assert corner_of(wild) in {rrb.Corner2D.LeftTop, rrb.Corner2D.LeftBottom}
+    # standing at zero, then going: the four entries fit above the zero line
+    assert corner_of(*(k * np.where(rising < 0.5, 0.0, 1.0) for k in (0.7, 0.8, 0.9, 1.0))) == rrb.Corner2D.LeftTop
+    assert emptiest_corner([], 0) == rrb.Corner2D.LeftTop
+
+
+def test_text_is_kept_to_what_the_viewer_can_draw() -> None:
+    assert legible("Kurve 90° links, ±1σ ≤ 3 m – Übung") == "Kurve 90° links, ±1σ ≤ 3 m – Übung"
+    assert legible("ﬁx ① 中 \U0001f69c\t.") == "fix 1 ? ? ."
+
+
+def test_every_estimator_keeps_its_colour() -> None:
+    names = ["a", "b", "c", "d", "e", "f", "g"]
+    colours = entities.estimator_colours(names)
+    assert len({colours[name] for name in names[:6]}) == 6
+    assert colours["g"] == colours["a"]
+    assert entities.TRUTH_COLOUR not in colours.values()

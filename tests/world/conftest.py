@@ -1,0 +1,58 @@
+"""Worlds to experiment with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twin.world.planter_f8 import PlanterF8Config
+from twin.world.simulation import World, build_world
+from twin.world.soil import SoilConfig
+from twin.world.terrain import FlatTerrain, SlopeTerrain
+
+WorldMaker = Callable[..., World]
+
+
+@pytest.fixture
+def make_world() -> Iterator[WorldMaker]:
+    """Build worlds that are closed afterwards: terrain, soil and machine keys as keyword arguments."""
+    worlds: list[World] = []
+
+    def make(terrain: Any = None, *, soil: str = "tilled", soil_keys: Any = None, dt_ns: int = 2_000_000,
+             seed: int = 1, **machine: Any) -> World:  # fmt: skip
+        world = build_world(
+            terrain or FlatTerrain(kind="flat", cell_m=1.0, size_m=(600.0, 600.0)),
+            SoilConfig(preset=soil, **(soil_keys or {})),
+            PlanterF8Config(kind="planter_f8", **machine),
+            seed=seed,
+            dt_ns=dt_ns,
+        )
+        worlds.append(world)
+        return world
+
+    yield make
+    for world in worlds:
+        world.close()
+
+
+def slope(percent: float, direction_deg: float = 0.0) -> SlopeTerrain:
+    return SlopeTerrain(
+        kind="slope", slope_percent=percent, slope_direction_deg=direction_deg, cell_m=1.0, size_m=(600.0, 600.0)
+    )
+
+
+def column(world: World, name: str) -> float:
+    return float(world.truth()[world.truth_columns.index(name)])
+
+
+def record(world: World, ticks: int, every: int, names: tuple[str, ...]) -> np.ndarray:
+    """Advance and sample truth columns, shape (samples, names)."""
+    indices = [world.truth_columns.index(name) for name in names]
+    rows = []
+    for _ in range(ticks // every):
+        world.advance(world.tick + every)
+        rows.append(world.truth()[indices])
+    return np.array(rows)

@@ -1,0 +1,59 @@
+"""The command line: the front door of the house."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import traceback
+from types import FrameType
+
+EXIT_OK, EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+def _terminated(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Run the command line and exit with the code the contract names.
+
+    0 all checks hold; 1 a check failed or a baseline drifted; 2 bad input; 3 an error of ours, with traceback;
+    130 interrupted.
+    """
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        code = _run()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = EXIT_INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()
+        code = EXIT_OK
+    sys.exit(code)
+
+
+def _run() -> int:
+    import typer  # noqa: PLC0415  (loaded after the signal handler is in place)
+
+    from twin.cli.app import app  # noqa: PLC0415
+    from twin.errors import TwinError  # noqa: PLC0415
+
+    try:
+        outcome = app(standalone_mode=False)
+    except typer.Exit as stop:
+        return int(stop.exit_code)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except typer.TyperException as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except TwinError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except (KeyboardInterrupt, BrokenPipeError):
+        raise
+    except Exception:
+        traceback.print_exc()
+        print("This is an error in agtwin, not in your input. Please report it with the lines above.", file=sys.stderr)
+        return EXIT_INTERNAL
+    return int(outcome or EXIT_OK)

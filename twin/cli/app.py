@@ -1,0 +1,104 @@
+"""The commands and their options. What they do lies in the modules beside this one, imported when needed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="twin",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Physics-simulated digital twin for farm machines: run scenarios, score estimators, look at the recordings.",
+)
+
+Scenarios = Annotated[list[str], typer.Argument(help="Scenario names (see `twin list`), files, or folders.")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key, as driver.speed_m_s=3.0.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print result.json objects as an array, and nothing else.")]
+Out = Annotated[Path, typer.Option(help="Folder for the results.")]
+
+
+@app.command()
+def run(  # noqa: PLR0917  (typer makes options of them)
+    scenarios: Scenarios,
+    seed: Annotated[int | None, typer.Option(min=0, help="World seed; default: the scenario's.")] = None,
+    run_index: Annotated[int, typer.Option("--run", min=0, help="Which realisation of the noise.")] = 0,
+    settings: Settings = None,
+    out: Out = Path("runs"),
+    rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer.")] = True,
+    junit: Annotated[Path | None, typer.Option(help="Write a JUnit report to this file.")] = None,
+    estimator: Annotated[
+        list[str] | None, typer.Option(help="Add your own estimator: package.module:Class, or a registered name.")
+    ] = None,
+    update_baselines: Annotated[bool, typer.Option(help="Rewrite the baselines that moved.")] = False,
+    full_rate: Annotated[bool, typer.Option("--full-rate", help="Keep the truth of every physics step.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Run scenarios: metrics beside the published figures, then the verdict."""
+    from twin.cli.running import RunOptions, run_scenarios  # noqa: PLC0415
+
+    options = RunOptions(
+        seed=seed,
+        run=run_index,
+        settings=tuple(settings or ()),
+        out=out,
+        rrd=rrd,
+        junit=junit,
+        estimators=tuple(estimator or ()),
+        update_baselines=update_baselines,
+        full_rate=full_rate,
+        as_json=as_json,
+    )
+    return run_scenarios(scenarios, options)
+
+
+@app.command()
+def replay(
+    folder: Annotated[Path, typer.Argument(help="A run folder.")],
+    settings: Settings = None,
+    as_json: Json = False,
+) -> int:
+    """Run the estimators again over recorded measurements, without the world."""
+    from twin.cli.replaying import replay_folder  # noqa: PLC0415
+
+    return replay_folder(folder, settings=tuple(settings or ()), as_json=as_json)
+
+
+@app.command()
+def score(folder: Annotated[Path, typer.Argument(help="A run folder.")], as_json: Json = False) -> int:
+    """Compute metrics and checks of a run folder again."""
+    from twin.cli.replaying import score_folder  # noqa: PLC0415
+
+    return score_folder(folder, as_json=as_json)
+
+
+@app.command()
+def view(what: Annotated[Path, typer.Argument(help="A run folder, or an .rrd file.")]) -> int:
+    """Open a recording in the Rerun viewer."""
+    from viz.viewer import open_recording  # noqa: PLC0415
+
+    return open_recording(what)
+
+
+@app.command("list")
+def list_all() -> int:
+    """List scenarios, sensor presets and kinds."""
+    from twin.cli.listing import print_lists  # noqa: PLC0415
+
+    print_lists()
+    return 0
+
+
+@app.command()
+def schema() -> int:
+    """Print the JSON Schema of scenario files, for editors."""
+    from twin.scenario import json_schema  # noqa: PLC0415
+
+    typer.echo(json.dumps(json_schema(), indent=1))
+    return 0

@@ -1,0 +1,158 @@
+"""What ``twin run`` does."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from twin import scenario as scenario_files
+from twin.cli import EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
+from twin.cli.junit import write_junit
+from twin.cli.report import Reporter
+from twin.errors import BadInputError
+from twin.estimation import EstimatorFactory
+from twin.recording import Recording, save
+from twin.runfolder import folder_of, replacing, require_writable, write_result
+from twin.scenario import LoadedScenario
+from twin.scoring import Verdict, baselines, score
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """Options of ``twin run``."""
+
+    seed: int | None
+    run: int
+    settings: tuple[str, ...]
+    out: Path
+    rrd: bool
+    junit: Path | None
+    estimators: tuple[str, ...]
+    update_baselines: bool
+    full_rate: bool
+    as_json: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crash:
+    """A scenario that ended in an error of ours."""
+
+    scenario: str
+    trace: str
+
+
+def load_all(names: Sequence[str], settings: Sequence[str], *, seed: int | None = None) -> list[LoadedScenario]:
+    """Load every scenario asked for before the first is run.
+
+    Raises:
+        BadInputError: one of them is wrong, or two would write to the same folder.
+    """
+    changes = [scenario_files.parse_setting(text) for text in settings]
+    if seed is not None:
+        changes.append(("seed", seed))
+    files = [path for name in names for path in scenario_files.find(name)]
+    loaded = [scenario_files.load(path, settings=changes) for path in dict.fromkeys(files)]
+    seen: dict[str, Path] = {}
+    for item in loaded:
+        if item.name in seen:
+            raise BadInputError(f"{seen[item.name]} and {item.path}: two scenarios of the same name in one command")
+        seen[item.name] = item.path
+    return loaded
+
+
+def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
+    """Run scenarios one after the other; return the exit code."""
+    reporter = Reporter(quiet=options.as_json)
+    loaded = load_all(names, options.settings, seed=options.seed)
+    plugins = _plugins(options.estimators)
+    require_writable(options.out)
+    if options.junit is not None:
+        require_writable(options.junit.parent)
+    finished: list[Verdict | Crash] = []
+    for item in loaded:
+        try:
+            finished.append(_run_one(item, options, plugins, reporter))
+        except (BadInputError, KeyboardInterrupt):
+            raise
+        except Exception:
+            crash = Crash(scenario=item.name, trace=traceback.format_exc())
+            print(crash.trace, file=sys.stderr)
+            finished.append(crash)
+    if options.junit is not None:
+        write_junit(options.junit, finished)
+    verdicts = [entry for entry in finished if isinstance(entry, Verdict)]
+    if options.as_json:
+        print(json.dumps([verdict.as_json() for verdict in verdicts], indent=1, allow_nan=False))
+    elif len(loaded) > 1:
+        reporter.summary(finished)
+    if len(verdicts) < len(finished):
+        return EXIT_INTERNAL
+    return EXIT_OK if all(verdict.verdict == "pass" for verdict in verdicts) else EXIT_FAILED
+
+
+def _plugins(names: Sequence[str]) -> dict[str, EstimatorFactory]:
+    """Factories of the user's own estimators, by the last part of their names.
+
+    Raises:
+        BadInputError: one cannot be found.
+    """
+    from twin.estimators import AdaptedEstimator, load_class, load_entry_point  # noqa: PLC0415
+
+    plugins: dict[str, EstimatorFactory] = {}
+    for name in names:
+        found = load_class(name) if ":" in name else load_entry_point(name)
+        plugins[name.rpartition(":")[2]] = partial(AdaptedEstimator, found)
+    return plugins
+
+
+def _run_one(
+    loaded: LoadedScenario, options: RunOptions, plugins: dict[str, EstimatorFactory], reporter: Reporter
+) -> Verdict:
+    from twin.execution import execute  # noqa: PLC0415  (the physics is not needed to refuse bad input)
+
+    with reporter.progress(loaded) as progress:
+        recording = execute(
+            loaded, runs=(options.run,), full_rate=options.full_rate, plugins=plugins, progress=progress
+        )
+    verdict = score(recording)
+    _compare_baseline(loaded, options, verdict)
+    folder = folder_of(options.out, verdict)
+    with replacing(folder) as building:
+        save(recording, building)
+        if options.rrd:
+            verdict.timing["rrd_s"] = _write_rrd(recording, verdict, building / "run.rrd")
+        write_result(building, verdict.as_json())
+    reporter.result(loaded, verdict, folder, rrd=options.rrd)
+    return verdict
+
+
+def _write_rrd(recording: Recording, verdict: Verdict, path: Path) -> float:
+    """Write the recording for the viewer; return how long it took, without the import of rerun (half a second)."""
+    from viz import scene_of, write_rrd  # noqa: PLC0415
+
+    started = time.perf_counter()
+    write_rrd(recording, scene_of(recording), verdict.as_json(), path)
+    return time.perf_counter() - started
+
+
+def _compare_baseline(loaded: LoadedScenario, options: RunOptions, verdict: Verdict) -> None:
+    """Compare with the committed baseline, where this is the run that it was made from."""
+    committed = not options.settings and options.run == 0 and not options.estimators
+    if not committed or (options.seed is not None and options.seed != scenario_files.load(loaded.path).scenario.seed):
+        return
+    path = baselines.baseline_path(loaded.path)
+    known = baselines.read(path)
+    if options.update_baselines and verdict.ended_reason == "duration":
+        new = baselines.updated(known, verdict.metrics)
+        if new != known:
+            baselines.write(path, new)
+        known = new
+    if known:
+        verdict.baseline_compared = True
+        verdict.drifted = baselines.drifted(known, verdict.metrics)

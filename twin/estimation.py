@@ -1,0 +1,168 @@
+"""Feeds measurements to estimators in order of arrival and collects what they say.
+
+A run and a replay use this same bank, so a replay of recorded measurements reproduces a run's estimates bit for bit.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.errors import BadInputError
+from twin.estimators import build_estimator
+from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream, sigma_column
+from twin.scenario import Scenario
+from twin.signals import NS_PER_S, Estimate, Estimator, EstimatorSetup, FloatArray, Measurement, SensorInfo
+
+EstimatorFactory = Callable[[EstimatorSetup], Estimator]
+
+_PLUGIN_RATE_HZ = 50.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listener:
+    """An estimator, the sensors it hears and how often it is asked."""
+
+    estimator: Estimator
+    sensors: frozenset[str]
+    period_ns: int
+
+
+def period_ns(rate_hz: float) -> int:
+    """Output period of an estimator, a whole number of nanoseconds."""
+    return round(NS_PER_S / rate_hz)
+
+
+class EstimatorBank:
+    """Estimators side by side over one set of measurements.
+
+    Arrivals at the same instant are handed over in the order of the scenario's sensors, and those of one sensor in
+    the order in which they were sampled.
+    """
+
+    def __init__(self, listeners: Mapping[str, Listener], sensors: Sequence[str]) -> None:
+        self._listeners = dict(listeners)
+        self._order = {name: index for index, name in enumerate(sensors)}
+        self._count = 0
+        self._waiting: list[tuple[int, int, int, Measurement]] = []
+        self._due = {name: listener.period_ns for name, listener in self._listeners.items()}
+        self._next_due = min(self._due.values(), default=None)
+        self._writers = {
+            name: StreamWriter(_stream_columns(listener.estimator)) for name, listener in self._listeners.items()
+        }
+        self._upper = {
+            name: np.triu_indices(len(listener.estimator.state_columns)) for name, listener in self._listeners.items()
+        }
+
+    def deliver(self, measurement: Measurement) -> None:
+        """Put a measurement in the queue; it is handed over when its time of arrival has come."""
+        key = (measurement.t_available_ns, self._order[measurement.sensor], self._count)
+        self._count += 1
+        heapq.heappush(self._waiting, (*key, measurement))
+
+    def advance(self, t_ns: int) -> None:
+        """Hand over what has arrived and ask for the estimates due, up to and including ``t_ns``."""
+        while self._next_due is not None and self._next_due <= t_ns:
+            now = self._next_due
+            self._process_until(now)
+            for name, due in self._due.items():
+                if due == now:
+                    listener = self._listeners[name]
+                    self._writers[name].append(now, self._row(name, listener.estimator.estimate(now)))
+                    self._due[name] = now + listener.period_ns
+            self._next_due = min(self._due.values())
+
+    def _process_until(self, t_ns: int) -> None:
+        while self._waiting and self._waiting[0][0] <= t_ns:
+            measurement = heapq.heappop(self._waiting)[3]
+            if measurement.valid.any():
+                for listener in self._listeners.values():
+                    if measurement.sensor in listener.sensors:
+                        listener.estimator.process(measurement)
+
+    def _row(self, name: str, estimate: Estimate) -> FloatArray:
+        parts = [estimate.values, estimate.sigmas]
+        if estimate.covariance is not None:
+            rows, columns = self._upper[name]
+            parts.append(estimate.covariance[:, rows, columns])
+        return np.concatenate(parts, axis=1)
+
+    def streams(self, runs: int) -> dict[str, Stream]:
+        """What the estimators said, by stream name."""
+        return {estimate_stream(name): writer.finish(runs) for name, writer in self._writers.items()}
+
+
+def _stream_columns(estimator: Estimator) -> tuple[str, ...]:
+    state = estimator.state_columns
+    pairs = zip(*np.triu_indices(len(state)), strict=True) if state else ()
+    return (
+        *estimator.columns,
+        *(sigma_column(column) for column in estimator.columns),
+        *(covariance_column(state[first], state[second]) for first, second in pairs),
+    )
+
+
+def estimator_setup(
+    name: str, scenario: Scenario, sensors: Mapping[str, SensorInfo], listens: Sequence[str], runs: int
+) -> EstimatorSetup:
+    """What the owner of the machine could tell an estimator."""
+    return EstimatorSetup(
+        name=name,
+        runs=runs,
+        sensors={sensor: sensors[sensor] for sensor in listens},
+        reference=scenario.machine.reference,
+        rows_y_m=scenario.machine.rows_y_m,
+        start_e_n_heading=scenario.machine.reference_start,
+    )
+
+
+def build_bank(
+    scenario: Scenario,
+    sensors: Mapping[str, SensorInfo],
+    *,
+    runs: int,
+    plugins: Mapping[str, EstimatorFactory] | None = None,
+) -> tuple[EstimatorBank, dict[str, Estimator]]:
+    """The scenario's estimators (and plug-ins, which hear every sensor), ready to be fed.
+
+    Raises:
+        BadInputError: an estimator cannot work with these sensors.
+    """
+    estimators: dict[str, Estimator] = {}
+    listeners: dict[str, Listener] = {}
+    for name, config in scenario.estimators.items():
+        setup = estimator_setup(name, scenario, sensors, config.sensors, runs)
+        try:
+            estimators[name] = build_estimator(config, setup)
+        except BadInputError as error:
+            raise BadInputError(f"estimators.{name}: {error}") from error
+        listeners[name] = Listener(
+            estimator=estimators[name], sensors=frozenset(config.sensors), period_ns=period_ns(config.rate_hz)
+        )
+    for name, factory in (plugins or {}).items():
+        if name in estimators:
+            raise BadInputError(f"--estimator {name}: the scenario has an estimator of that name")
+        estimators[name] = factory(estimator_setup(name, scenario, sensors, tuple(sensors), runs))
+        listeners[name] = Listener(
+            estimator=estimators[name], sensors=frozenset(sensors), period_ns=period_ns(_PLUGIN_RATE_HZ)
+        )
+    return EstimatorBank(listeners, list(sensors)), estimators
+
+
+def in_order_sampled(streams: Mapping[str, Stream]) -> Iterable[Measurement]:
+    """Measurements of recorded streams (by sensor name), each sensor's in the order it was sampled."""
+    for sensor, stream in streams.items():
+        arrived = stream.t_available_ns if stream.t_available_ns is not None else stream.t_ns
+        for index in range(len(stream)):
+            runs = stream.values.shape[1]
+            yield Measurement(
+                sensor=sensor,
+                t_ns=int(stream.t_ns[index]),
+                t_available_ns=int(arrived[index]),
+                columns=stream.columns,
+                values=stream.values[index],
+                valid=stream.valid[index] if stream.valid is not None else np.ones(runs, dtype=np.bool_),
+            )

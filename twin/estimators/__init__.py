@@ -1,0 +1,44 @@
+"""Estimators: measurements in, estimates out; they never see the truth.
+
+``EstimatorConfigUnion`` is the discriminated union of every kind's configuration, :func:`build_estimator` makes the
+estimator of one. Importing this package is light; filterpy is imported when an estimator first needs it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.radar_only import RadarOnly, RadarOnlyConfig
+from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
+from twin.signals import Estimator, EstimatorSetup
+
+__all__ = [
+    "AdaptedEstimator",
+    "EstimatorConfigUnion",
+    "PluginConfig",
+    "RadarOnlyConfig",
+    "RowSpeedEkfConfig",
+    "build_estimator",
+    "load_class",
+    "load_entry_point",
+]
+
+EstimatorConfigUnion = Annotated[RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, Field(discriminator="kind")]
+
+
+def build_estimator(config: RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, setup: EstimatorSetup) -> Estimator:
+    """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
+
+    Raises:
+        BadInputError: the configuration does not fit the sensors, or a plug-in cannot be loaded.
+    """
+    match config:
+        case RowSpeedEkfConfig():
+            return RowSpeedEkf(config, setup)
+        case RadarOnlyConfig():
+            return RadarOnly(config, setup)
+        case PluginConfig():
+            return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

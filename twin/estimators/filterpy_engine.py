@@ -1,0 +1,63 @@
+"""The Kalman engine of one run, on a filterpy object. Import it only where it is used: filterpy brings scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from twin.estimators.engines import Motion, Observation
+from twin.signals import BoolArray, FloatArray
+
+
+class FilterpyEngine:
+    """An extended Kalman filter of one run (R = 1) on :class:`filterpy.kalman.KalmanFilter`.
+
+    filterpy has an ``ExtendedKalmanFilter`` too; it is the same algebra (Joseph's form as well) but inverts S by
+    ``scipy.linalg.inv``, a third of the cost of a scalar update. ``KalmanFilter`` takes the inverse as an attribute.
+    The nonlinear model enters as the textbooks linearise it: x is replaced by f(x) after the prediction, and the
+    update is given z - h(x) + H x, whose difference to H x is the innovation. A test holds it against filterpy's own
+    extended filter.
+
+    Raises:
+        ValueError: more than one run was asked for.
+    """
+
+    def __init__(self, x: FloatArray, P: FloatArray) -> None:
+        if x.shape[0] != 1:
+            raise ValueError(f"the filterpy engine steps one run, not {x.shape[0]}")
+        self._filter = KalmanFilter(dim_x=x.shape[1], dim_z=1)
+        self._filter.x = np.array(x[0], dtype=np.float64)
+        self._filter.P = np.array(P[0], dtype=np.float64)
+
+    @property
+    def x(self) -> FloatArray:
+        """State, shape (1, n)."""
+        x: FloatArray = self._filter.x[np.newaxis]
+        return x
+
+    @property
+    def P(self) -> FloatArray:  # noqa: N802
+        """Covariance, shape (1, n, n)."""
+        P: FloatArray = self._filter.P[np.newaxis]
+        return P
+
+    def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
+        """Move on by ``dt_s``."""
+        x = self.x
+        moved = motion.f(x, u, dt_s)[0]
+        self._filter.predict(F=motion.F(x, u, dt_s)[0], Q=motion.Q(dt_s))
+        self._filter.x = moved
+
+    def update(self, observation: Observation, z: FloatArray, mask: BoolArray) -> None:
+        """Update with ``z`` (1, m) if ``mask`` (1,) is True."""
+        if not mask[0]:
+            return
+        x = self.x
+        H = observation.H(x)
+        if H.ndim == 3:
+            H = H[0]
+        linearised = z[0] - observation.h(x)[0] + np.dot(H, x[0])
+        scalar = len(H) == 1
+        self._filter.inv = np.reciprocal if scalar else np.linalg.inv
+        # filterpy keeps a deep copy of the measurement: of a plain number that costs nothing.
+        self._filter.update(linearised.item() if scalar else linearised, R=observation.R, H=H)

@@ -1,0 +1,184 @@
+"""One coordinated-turn filter on a bar of inertial units: the core of both architectures of paper 000.
+
+The filter's origin is a point of the row line, ``origin_left_m`` to the left of the reference frame: the machine's
+reference itself for the central filter, a row unit for a distributed one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.estimators.calibration import AXES, StandstillCalibration, add_up, specific_force_norm
+from twin.estimators.coordinated_turn import OMEGA, CoordinatedTurn, ForwardSpeed, S, YawRate
+from twin.estimators.engines import Engine, Observation
+from twin.estimators.roles import InertialUnit, usable
+from twin.estimators.standstill import StandstillConfig, StandstillDetector
+from twin.estimators.ticks import Tick
+from twin.signals import NS_PER_S, BoolArray, FloatArray, Measurement
+
+_ACCEL_X, _GYRO_Z = 0, 5
+_SPEED_MEMORY_S = 1.0
+"""How long the standstill guard remembers a speed sensor's reading."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aid:
+    """One thing an aiding sensor tells the filter: these of its columns, seen so."""
+
+    places: list[int]
+    observation: Observation
+    is_speed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Inertial:
+    """What k samples of inertial units say in one tick."""
+
+    places: list[int]
+    """(k,) places of the units."""
+    readings: FloatArray
+    """(k, R, 6)."""
+    present: BoolArray
+    """(k, R) where the whole sample can be used."""
+    fresh: list[bool]
+    """(k,) whether it belongs to this very tick."""
+
+
+class RigidBodyFilter:
+    """Prediction by the units' mean acceleration, one update per gyroscope and per aid, standstill (R runs)."""
+
+    def __init__(
+        self,
+        *,
+        engine: Engine,
+        motion: CoordinatedTurn,
+        origin_left_m: float,
+        units: Sequence[InertialUnit],
+        aids: Mapping[str, Sequence[Aid]],
+        gyro_variance: float,
+        accelerometer_variance: float,
+        standstill: StandstillConfig,
+        step_ns: int,
+    ) -> None:
+        self.engine = engine
+        self.motion = motion
+        self.origin_left_m = origin_left_m
+        runs = len(engine.x)
+        self._units = {unit.name: (place, unit) for place, unit in enumerate(units)}
+        self._forward = np.array([[unit.forward_m] for unit in units])
+        self._aids = aids
+        self._yaw_rate = YawRate(gyro_variance)
+        self._accelerometer_variance = accelerometer_variance
+        self._standstill = standstill
+        self._step_s = step_ns / NS_PER_S
+        self._calibrating = StandstillCalibration(units=len(units), runs=runs)
+        self._all_places = list(range(len(units)))
+        self._bias: FloatArray = np.zeros((len(units), runs, AXES))
+        self._detector: StandstillDetector | None = None
+        self._zero_speed = ForwardSpeed(0.0)
+        self._zero = np.zeros((runs, 1))
+        self._sensed_speed: dict[str, tuple[int, FloatArray]] = {}
+        self.standing: BoolArray = np.ones(runs, dtype=bool)
+        """(R,) members in which the machine was taken to stand at the last tick."""
+
+    def calibrate(self, tick: Tick) -> None:
+        """Learn from a tick at standstill; the state stays as it is."""
+        inertial = self._inertial(tick)
+        if inertial is not None:
+            self._calibrating.add(inertial.places, inertial.readings, inertial.present)
+
+    def finish_calibration(self) -> None:
+        """Take over what was learnt: once, before the first :meth:`step`."""
+        result = self._calibrating.finish(accelerometer_variance=self._accelerometer_variance)
+        self._bias = result.mean
+        if self._standstill.enabled:
+            self._detector = StandstillDetector(self._standstill, result, step_s=self._step_s)
+        self.standing = np.zeros_like(self.standing)
+
+    def step(self, tick: Tick) -> None:
+        """Predict to the tick, update with its gyroscopes, then its aids in order of arrival, then see if it stands."""
+        inertial = self._inertial(tick)
+        if tick.steps:
+            self.engine.predict(self.motion, self._acceleration(inertial), tick.steps * self._step_s)
+        if inertial is not None:
+            rates = inertial.readings[..., _GYRO_Z:] - self._of(self._bias, inertial.places)[..., _GYRO_Z:]
+            for rate, present in zip(rates, inertial.present, strict=True):
+                self.engine.update(self._yaw_rate, rate, present)
+        for measurement, _ in tick.samples:
+            for aid in self._aids.get(measurement.sensor, ()):
+                self._update(measurement, aid)
+        if tick.steps and self._detector is not None:
+            self._see_if_standing(tick, self._detector, inertial)
+
+    def _inertial(self, tick: Tick) -> _Inertial | None:
+        """What the units say in this tick, or None where none answered."""
+        places: list[int] = []
+        readings: list[FloatArray] = []
+        valid: list[BoolArray] = []
+        fresh: list[bool] = []
+        for measurement, is_fresh in tick.samples:
+            entry = self._units.get(measurement.sensor)
+            if entry is not None:
+                places.append(entry[0])
+                readings.append(entry[1].read(measurement))
+                valid.append(measurement.valid)
+                fresh.append(is_fresh)
+        if not places:
+            return None
+        stacked = np.array(readings)
+        present = np.logical_and.reduce(np.isfinite(stacked), axis=-1) & np.array(valid)
+        return _Inertial(places, stacked, present, fresh)
+
+    def _of(self, per_unit: FloatArray, places: list[int]) -> FloatArray:
+        """Rows of ``per_unit`` (u, ...) that belong to ``places``: in the ordinary case all of them, in order."""
+        return per_unit if places == self._all_places else per_unit[places]
+
+    def _acceleration(self, inertial: _Inertial | None) -> FloatArray:
+        """Mean longitudinal acceleration of the units at the origin, less their calibrated means, shape (R,).
+
+        By eq 2.8 a unit ``forward_m`` before the origin reads omega^2 forward_m less than the origin. Only samples of
+        this very tick count; where there is none the acceleration is taken as 0 (eq 2.15).
+        """
+        if inertial is None:
+            return self._zero[:, 0]
+        places, present = inertial.places, inertial.present
+        omega = self.engine.x[:, OMEGA]
+        forward = self._of(self._forward, places) * (omega * omega)
+        at_origin = inertial.readings[..., _ACCEL_X] - self._of(self._bias, places)[..., _ACCEL_X] + forward
+        if not all(inertial.fresh):
+            present = present & np.array(inertial.fresh)[:, np.newaxis]
+        count = add_up(present.astype(np.float64))
+        return add_up(np.where(present, at_origin, 0.0)) / np.maximum(count, 1.0)
+
+    def _update(self, measurement: Measurement, aid: Aid) -> None:
+        values = measurement.values[:, aid.places]
+        mask = usable(measurement, values)
+        self.engine.update(aid.observation, values, mask)
+        if aid.is_speed:
+            self._remember_speed(measurement, values[:, 0], mask)
+
+    def _see_if_standing(self, tick: Tick, detector: StandstillDetector, inertial: _Inertial | None) -> None:
+        if inertial is not None:
+            detector.update(inertial.places, specific_force_norm(inertial.readings), inertial.present)
+        self.standing = detector.standing() & self._slow(tick)
+        if self.standing.any():
+            self.engine.update(self._zero_speed, self._zero, self.standing)
+
+    def _remember_speed(self, measurement: Measurement, speed: FloatArray, mask: BoolArray) -> None:
+        known = self._sensed_speed.get(measurement.sensor)
+        before = np.zeros_like(speed) if known is None else known[1]
+        self._sensed_speed[measurement.sensor] = (measurement.t_available_ns, np.where(mask, np.abs(speed), before))
+
+    def _slow(self, tick: Tick) -> BoolArray:
+        """Where the guard of section 2.7 lets the standstill detector speak, shape (R,)."""
+        guard = self._standstill.guard_m_s
+        slow: BoolArray = np.abs(self.engine.x[:, S]) <= guard
+        if self._standstill.guard_by_sensors:
+            oldest_ns = round((tick.index * self._step_s - _SPEED_MEMORY_S) * NS_PER_S)
+            for t_ns, speed in self._sensed_speed.values():
+                if t_ns >= oldest_ns:
+                    slow = slow & (speed <= guard)
+        return slow

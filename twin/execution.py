@@ -1,0 +1,219 @@
+"""Walks the one way through the house once: scenario, world, sensors, estimators, recording."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from twin.control.driver import CONTROL_HZ, Driver
+from twin.errors import BadInputError, WorldEndedError
+from twin.estimation import EstimatorFactory
+from twin.members import Members
+from twin.recording import TRUTH, Recording, Stream, StreamWriter
+from twin.scenario import LoadedScenario, Scenario
+from twin.scoring.checks import require_known
+from twin.scoring.metrics import metric_names
+from twin.signals import NS_PER_S, Capture, Event, Need, nanoseconds
+from twin.world.simulation import World, build_world
+from twin.world.terrain import AnyTerrain, FileTerrain
+
+Progress = Callable[[float], None]
+"""Called with the simulated time now and then."""
+
+_PROGRESS_PERIOD_NS = NS_PER_S // 2
+
+
+class Observer(Protocol):
+    """Whoever watches the world: the sensors and estimators of some runs, or a tape for them."""
+
+    @property
+    def needs(self) -> Mapping[str, Need]:
+        """What each sensor asks the world for."""
+
+    def due(self, tick: int) -> Sequence[str]:
+        """Sensors that sample at this tick, in the order of the scenario."""
+
+    def next_tick(self) -> int:
+        """Tick of the next sample of any sensor."""
+
+    def observe(self, sensor: str, capture: Capture) -> None:
+        """Take what the world shows a sensor now."""
+
+    def advance(self, t_ns: int) -> None:
+        """All samples up to and including ``t_ns`` have been taken."""
+
+
+def execute(
+    loaded: LoadedScenario,
+    *,
+    runs: Sequence[int] = (0,),
+    full_rate: bool = False,
+    plugins: Mapping[str, EstimatorFactory] | None = None,
+    progress: Progress | None = None,
+) -> Recording:
+    """Run a scenario: one world, the noise of every run index in ``runs`` side by side.
+
+    Raises:
+        BadInputError: something in the scenario cannot be built, or a check names a metric that will not exist.
+    """
+    scenario = loaded.scenario
+    started = time.perf_counter()
+    members = open_members(loaded, runs=runs, plugins=plugins)
+    with open_world(loaded) as world:
+        columns = {name: estimator.columns for name, estimator in members.estimators.items()}
+        require_known(scenario, metric_names(scenario, world.truth_columns, columns), where=str(loaded.path))
+        journey = Journey(scenario, world, members, full_rate=full_rate)
+        reason = journey.go(progress)
+        wall_s = time.perf_counter() - started
+        simulated_s = world.tick * world.dt_ns / NS_PER_S
+        timing = {
+            "simulated_s": simulated_s,
+            "wall_s": wall_s,
+            "real_time_factor": simulated_s / wall_s,
+            "world_us_per_step": journey.world_s / max(1, world.tick) * 1e6,
+            "bare_step_us": world.bare_step_us(),
+        }
+    return Recording(
+        scenario_toml=loaded.toml,
+        scenario_name=loaded.name,
+        seed=scenario.seed,
+        runs=tuple(runs),
+        streams={TRUTH: journey.truth_stream(), **members.streams()},
+        events=sorted([*journey.events, *members.events], key=lambda event: event.t_ns),
+        terrain=world.terrain,
+        ended_reason=reason,
+        ended_t_s=simulated_s,
+        timing=timing,
+    )
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Put the scenario file's name before what is said about it."""
+    try:
+        yield
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
+
+
+def open_members(
+    loaded: LoadedScenario, *, runs: Sequence[int], plugins: Mapping[str, EstimatorFactory] | None = None
+) -> Members:
+    """Build sensors and estimators of a scenario for some runs.
+
+    Raises:
+        BadInputError: one of them cannot be built; the message names the file.
+    """
+    with _naming(loaded.path):
+        return Members(loaded.scenario, runs=runs, plugins=plugins)
+
+
+def open_world(loaded: LoadedScenario) -> World:
+    """Build the world of a scenario, settled and ready to go.
+
+    Raises:
+        BadInputError: terrain or machine cannot be built, or the planned path leaves the terrain.
+    """
+    scenario = loaded.scenario
+    with _naming(loaded.path):
+        return build_world(
+            _beside(scenario.terrain, loaded.path),
+            scenario.soil,
+            scenario.machine,
+            seed=scenario.seed,
+            dt_ns=scenario.dt_ns,
+            path=_driver(scenario).path.polyline(),
+        )
+
+
+def _beside(terrain: AnyTerrain, scenario_file: Path) -> AnyTerrain:
+    """A terrain file lies beside its scenario."""
+    if isinstance(terrain, FileTerrain):
+        return terrain.model_copy(update={"path": str(scenario_file.parent / terrain.path)})
+    return terrain
+
+
+def _driver(scenario: Scenario) -> Driver:
+    machine = scenario.machine
+    return Driver(
+        scenario.driver,
+        start_e_n_heading=machine.vehicle_start,
+        wheelbase_m=machine.wheelbase_m,
+        seed=scenario.seed,
+    )
+
+
+class Journey:
+    """The loop over time: the driver commands, the world moves, the observer is shown what it asked for."""
+
+    def __init__(self, scenario: Scenario, world: World, observer: Observer, *, full_rate: bool = False) -> None:
+        self.events: list[Event] = []
+        self.world_s = 0.0
+        """Wall time spent in the world's own loop."""
+        self._world = world
+        self._observer = observer
+        self._driver = _driver(scenario)
+        self._ticks = nanoseconds(scenario.duration_s) // world.dt_ns
+        self._truth_every = 1 if full_rate else _period_ticks(scenario.recording.truth_hz, world.dt_ns)
+        self._control_every = _period_ticks(CONTROL_HZ, world.dt_ns)
+        self._truth = StreamWriter((*world.truth_columns, "segment"))
+        self._last_segment = -1
+        for name, need in observer.needs.items():
+            world.watch(name, need)
+
+    def go(self, progress: Progress | None = None) -> str:
+        """Run to the end; return why it ended."""
+        world, observer = self._world, self._observer
+        next_truth = next_control = next_progress_ns = 0
+        while True:
+            tick = world.tick
+            t_ns = tick * world.dt_ns
+            for name in observer.due(tick):
+                observer.observe(name, world.capture(name))
+            if tick == next_truth:
+                self._truth.append(t_ns, np.append(world.truth(), self._driver.segment)[np.newaxis, :])
+                next_truth += self._truth_every
+            observer.advance(t_ns)
+            if tick == next_control:
+                world.command(self._driver.command(world.vehicle(), self._control_every * world.dt_ns / NS_PER_S))
+                self._note_segment(t_ns)
+                next_control += self._control_every
+            if progress is not None and t_ns >= next_progress_ns:
+                progress(t_ns / NS_PER_S)
+                next_progress_ns += _PROGRESS_PERIOD_NS
+            if tick >= self._ticks:
+                return "duration"
+            reason = self._move(min(self._ticks, next_truth, next_control, observer.next_tick()))
+            if reason is not None:
+                return reason
+
+    def _move(self, to_tick: int) -> str | None:
+        entered = time.perf_counter()
+        try:
+            self._world.advance(to_tick)
+        except WorldEndedError as error:
+            t_ns = self._world.tick * self._world.dt_ns
+            self.events.append(Event(t_ns=t_ns, source="world", level="error", text=error.reason))
+            return error.reason
+        finally:
+            self.world_s += time.perf_counter() - entered
+        return None
+
+    def _note_segment(self, t_ns: int) -> None:
+        if self._driver.segment != self._last_segment:
+            self._last_segment = self._driver.segment
+            name = self._driver.segment_names[self._driver.segment]
+            self.events.append(Event(t_ns=t_ns, source="driver", level="info", text=name))
+
+    def truth_stream(self) -> Stream:
+        """What really happened until now (R = 1)."""
+        return self._truth.finish(1)
+
+
+def _period_ticks(rate_hz: float, dt_ns: int) -> int:
+    return max(1, round(NS_PER_S / rate_hz / dt_ns))

@@ -1,0 +1,67 @@
+"""Enters the house at the measurements: estimators over what a run recorded, without the world."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+
+from twin.estimation import build_bank, in_order_sampled
+from twin.members import build_sensors
+from twin.recording import Recording, estimate_stream
+from twin.scenario import loads
+from twin.signals import nanoseconds
+
+
+def replay(recording: Recording, *, scenario_toml: str | None = None) -> Recording:
+    """Run the scenario's estimators over a recording's measurements.
+
+    ``scenario_toml`` replaces the recording's own scenario, to try other estimator settings on the same data.
+    With the recording's own scenario the estimates are bit for bit those of the run: estimators use nothing but
+    measurements and configuration.
+
+    Raises:
+        BadInputError: the scenario cannot be read, or an estimator wants a sensor that was not recorded.
+    """
+    toml = recording.scenario_toml if scenario_toml is None else scenario_toml
+    scenario = loads(toml, where=f"{recording.scenario_name}/scenario.toml")
+    started = time.perf_counter()
+    infos = {name: sensor.info for name, sensor in build_sensors(scenario, runs=(0,)).items()}
+    bank, _ = build_bank(scenario, infos, runs=len(recording.runs))
+    measured = {name: recording.measurements(name) for name in scenario.sensors}
+    for measurement in in_order_sampled(measured):
+        bank.deliver(measurement)
+    bank.advance(nanoseconds(recording.ended_t_s))
+    wall_s = time.perf_counter() - started
+    kept = {name: stream for name, stream in recording.streams.items() if not name.startswith("estimates/")}
+    return dataclasses.replace(
+        recording,
+        scenario_toml=toml,
+        streams={**kept, **bank.streams(len(recording.runs))},
+        timing={
+            "simulated_s": recording.ended_t_s,
+            "wall_s": wall_s,
+            "real_time_factor": recording.ended_t_s / wall_s,
+        },
+    )
+
+
+def differing(first: Recording, second: Recording) -> dict[str, float]:
+    """Largest difference between the estimates of two recordings, by estimator; empty where bit-identical.
+
+    Infinity stands for streams of different length, times, columns or missing values.
+    """
+    differences: dict[str, float] = {}
+    for name in dict.fromkeys([*first.names("estimates"), *second.names("estimates")]):
+        stream = estimate_stream(name)
+        if stream not in first.streams or stream not in second.streams:
+            differences[name] = float("inf")
+            continue
+        one, other = first.streams[stream], second.streams[stream]
+        same_shape = one.columns == other.columns and np.array_equal(one.t_ns, other.t_ns)
+        if not same_shape or not np.array_equal(np.isnan(one.values), np.isnan(other.values)):
+            differences[name] = float("inf")
+        elif not np.array_equal(one.values, other.values, equal_nan=True):
+            differences[name] = float(np.nanmax(np.abs(one.values - other.values)))
+    return differences

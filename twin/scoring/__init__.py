@@ -1,0 +1,5 @@
+"""Scoring: a recording in, metrics, checks and a verdict out."""
+
+from twin.scoring.verdict import Verdict, score
+
+__all__ = ["Verdict", "score"]

@@ -1,0 +1,78 @@
+"""Checks: requirements of a scenario on its metrics, and what came of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from twin.errors import BadInputError
+from twin.scenario import Check, Scenario, unknown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """A check and what was found."""
+
+    check: Check
+    value: float
+    """The metric, or its ratio to ``ratio_to``."""
+    ok: bool
+
+    def as_json(self) -> dict[str, object]:
+        """Entry for result.json: the check's own keys, ``value`` (null where not a number) and ``ok``."""
+        value = self.value if math.isfinite(self.value) else None
+        return {**self.check.model_dump(exclude_none=True), "value": value, "ok": self.ok}
+
+    def sentence(self) -> str:
+        """The check in words, for tables and JUnit."""
+        check = self.check
+        what = check.metric if check.ratio_to is None else f"{check.metric} / {check.ratio_to}"
+        low = check.min if check.ratio_to is None else check.min_ratio
+        high = check.max if check.ratio_to is None else check.max_ratio
+        bounds = " and ".join(
+            text
+            for text in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "")
+            if text
+        )
+        return f"{what} = {self.value:.4g}, required {bounds}"
+
+
+def require_known(scenario: Scenario, names: Collection[str], *, where: str) -> None:
+    """Refuse checks and published figures on metrics that the run will not have.
+
+    Raises:
+        BadInputError: naming the metric and the nearest one that exists.
+    """
+    for index, check in enumerate(scenario.checks):
+        for key, metric in (("metric", check.metric), ("ratio_to", check.ratio_to)):
+            if metric is not None and metric not in names:
+                raise BadInputError(f"{where}: checks.{index}.{key}: {_unknown_metric(metric, names)}")
+    for metric in scenario.published:
+        if metric not in names:
+            raise BadInputError(f"{where}: published.{metric}: {_unknown_metric(metric, names)}")
+
+
+def _unknown_metric(metric: str, names: Collection[str]) -> str:
+    sentence = unknown(metric, sorted(names), "metric").partition(" (there are ")[0]
+    estimators = sorted({name.partition(".")[0] for name in names})
+    return f"{sentence} ({len(names)} metrics exist for {', '.join(estimators) or 'no estimator'})"
+
+
+def judge(scenario: Scenario, metrics: Mapping[str, float]) -> list[Outcome]:
+    """Apply every check of a scenario; a value that is not a number fails."""
+    return [_judge(check, metrics) for check in scenario.checks]
+
+
+def _judge(check: Check, metrics: Mapping[str, float]) -> Outcome:
+    value = metrics.get(check.metric, math.nan)
+    holds = _within(value, check.min, check.max)
+    if check.ratio_to is not None:
+        below = metrics.get(check.ratio_to, math.nan)
+        value = value / below if below and math.isfinite(below) else math.nan
+        holds = holds and _within(value, check.min_ratio, check.max_ratio)
+    return Outcome(check=check, value=value, ok=holds)
+
+
+def _within(value: float, low: float | None, high: float | None) -> bool:
+    return math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)

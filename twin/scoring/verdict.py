@@ -1,0 +1,92 @@
+"""The verdict on a run, and its ``result.json``."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+
+from twin.recording import Recording
+from twin.scenario import Scenario, loads
+from twin.scoring import metrics as metrics_module
+from twin.scoring.checks import Outcome, judge
+
+SCHEMA = 1
+_PACKAGES = ("agtwin", "numpy", "pybullet", "filterpy", "rerun-sdk")
+
+
+@dataclass(kw_only=True)
+class Verdict:
+    """What a run was worth."""
+
+    scenario: Scenario
+    scenario_name: str
+    scenario_sha256: str
+    seed: int
+    run: int
+    ended_reason: str
+    ended_t_s: float
+    metrics: dict[str, float]
+    checks: list[Outcome]
+    timing: dict[str, float] = field(default_factory=dict)
+    drifted: list[str] = field(default_factory=list)
+    baseline_compared: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """``pass``, ``fail`` (a check does not hold, or a baseline drifted) or ``error`` (the run ended early)."""
+        if self.ended_reason != "duration":
+            return "error"
+        return "pass" if all(outcome.ok for outcome in self.checks) and not self.drifted else "fail"
+
+    def as_json(self) -> dict[str, object]:
+        """Content of result.json."""
+        return {
+            "schema": SCHEMA,
+            "scenario": self.scenario_name,
+            "scenario_sha256": self.scenario_sha256,
+            "seed": self.seed,
+            "run": self.run,
+            "verdict": self.verdict,
+            "ended": {"reason": self.ended_reason, "t_s": self.ended_t_s},
+            "metrics": {name: _number(value) for name, value in self.metrics.items()},
+            "published": dict(self.scenario.published),
+            "checks": [outcome.as_json() for outcome in self.checks],
+            "baseline": {"compared": self.baseline_compared, "drifted": self.drifted},
+            "timing": {name: _number(value) for name, value in self.timing.items()},
+            "versions": _versions(),
+        }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _versions() -> dict[str, str]:
+    versions: dict[str, str] = {}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return versions
+
+
+def score(recording: Recording, *, timing: Mapping[str, float] | None = None) -> Verdict:
+    """Judge an ordinary recording (R = 1) by the checks of its own scenario."""
+    scenario = loads(recording.scenario_toml, where=f"{recording.scenario_name}/scenario.toml")
+    values = {name: float(value[0]) for name, value in metrics_module.compute(recording, scenario).items()}
+    return Verdict(
+        scenario=scenario,
+        scenario_name=recording.scenario_name,
+        scenario_sha256=hashlib.sha256(recording.scenario_toml.encode()).hexdigest(),
+        seed=recording.seed,
+        run=recording.runs[0],
+        ended_reason=recording.ended_reason,
+        ended_t_s=recording.ended_t_s,
+        metrics=values,
+        checks=judge(scenario, values),
+        timing=dict(timing if timing is not None else recording.timing),
+    )

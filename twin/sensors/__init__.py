@@ -1,0 +1,47 @@
+"""Sensors: truth in, measurements with noise, rate, delay and faults out.
+
+``SensorConfigUnion`` is every kind's configuration, told apart by ``kind``; :func:`build_sensor` makes the sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, assert_never
+
+from pydantic import Field
+
+from twin.sensors.base import Sample, Sensor, SensorConfig
+from twin.sensors.gnss import Gnss, GnssConfig
+from twin.sensors.imu import Imu, ImuConfig
+from twin.sensors.radar import Radar, RadarConfig
+from twin.signals import Mount
+
+__all__ = [
+    "Sample",
+    "Sensor",
+    "SensorConfig",
+    "SensorConfigUnion",
+    "build_sensor",
+]
+
+AnySensorConfig = ImuConfig | RadarConfig | GnssConfig
+SensorConfigUnion = Annotated[AnySensorConfig, Field(discriminator="kind")]
+
+
+def build_sensor(
+    config: AnySensorConfig, *, name: str, mount: Mount, dt_ns: int, seed: int, runs: Sequence[int]
+) -> Sensor:
+    """Make the sensor of this configuration, for the given runs of one world.
+
+    Raises:
+        BadInputError: the rate does not divide the physics rate, or a fault names an unknown column.
+    """
+    match config:
+        case ImuConfig():
+            return Imu(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case RadarConfig():
+            return Radar(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case GnssConfig():
+            return Gnss(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case _:
+            assert_never(config)

@@ -1,0 +1,247 @@
+"""GNSS receiver: position, speed and course, and what it says about their quality (kind ``gnss``).
+
+    position = p + e,     velocity = L(v) + e_v
+
+p is the position of the antenna, which sits on a mount of its own, so that the lever arm and the machine's attitude are
+in it. v is the antenna's velocity behind the receiver's own filter L (first order); speed and course are modulus and
+direction of the noisy horizontal velocity, so that at standstill the course is noise, as it is in reality. Course is
+the direction of travel in the twin's convention (counter-clockwise from east), not the compass course of NMEA.
+
+Errors and reports follow the receiver's fix state: corrections (:mod:`twin.sensors.gnss_corrections`) and satellites
+decide it (:mod:`twin.sensors.gnss_states`), it decides the errors (:mod:`twin.sensors.gnss_errors`), and faults act on
+all of them (:mod:`twin.sensors.gnss_faults`). Without a position a sample still arrives: quality 0, the satellites that
+are left, and NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.config import NonNegative, Positive, Probability
+from twin.sensors.base import Reading, Sensor, SensorConfig
+from twin.sensors.gnss_corrections import Corrections
+from twin.sensors.gnss_disturbances import Disturbances
+from twin.sensors.gnss_errors import PositionErrors, Reports
+from twin.sensors.gnss_faults import RECEIVER_FAULTS
+from twin.sensors.gnss_kernels import speed_and_course
+from twin.sensors.gnss_outputs import (
+    HEADING_SIGMA,
+    VERTICAL_SPEED,
+    AntennaHeading,
+    VerticalSpeed,
+    heading_error,
+    vertical_speed_error,
+)
+from twin.sensors.gnss_states import FixState, FixStates, dilution
+from twin.sensors.kernels import wrap
+from twin.sensors.noise import LowPass, Quantiser
+from twin.signals import HEADING, POSITION, Capture, FloatArray, IntArray, Mount
+
+_NO_COURSE_M_S = 1e-3
+"""Slower than this, the true course has no meaning."""
+
+
+class GnssConfig(SensorConfig):
+    """A receiver and its fix states."""
+
+    kind: Literal["gnss"]
+    states: Annotated[Mapping[str, FixState], Field(min_length=1)]
+    """The states the receiver can be in, by name, from the best to the worst."""
+    state: str | None = None
+    """Pin it to this one, whatever happens to corrections and satellites."""
+    velocity_lag_s: NonNegative = 0.0
+    """Time constant of the receiver's own velocity filter."""
+    position_resolution_m: NonNegative = 0.0
+    """Step of the position output; zero for all digits."""
+    corrections_interval_s: Positive | None = None
+    """Time between two sets of corrections; without it the receiver gets none and reports no age."""
+    corrections_delay_s: NonNegative = 0.0
+    """Age of a set of corrections when it arrives."""
+    corrections_loss_probability: Probability = 0.0
+    """Of losing one set, in each run independently."""
+    age_drift_correlation_s: Positive = 100.0
+    """1/e time of the error rate that old corrections cause."""
+    vertical_speed: VerticalSpeed | None = None
+    """For receivers that give a vertical speed."""
+    heading: AntennaHeading | None = None
+    """For receivers with two antennas."""
+
+    @model_validator(mode="after")
+    def _check_state(self) -> Self:
+        if self.state is not None and self.state not in self.states:
+            raise ValueError(f"state = {self.state!r} is none of the states {', '.join(self.states)}")
+        return self
+
+    @property
+    def usual_state(self) -> FixState:
+        """The one its data sheet is about: the best, or the one it is pinned to."""
+        return self.states[self.state or next(iter(self.states))]
+
+
+class Gnss(Sensor):
+    """GNSS receiver. Hidden columns: errors of all that is measured, and the position's time-correlated part."""
+
+    extra_hidden_columns = tuple(f"{column}.correlated" for column in POSITION)
+    inner_faults = RECEIVER_FAULTS
+
+    def __init__(
+        self, config: GnssConfig, *, name: str, mount: Mount, dt_ns: int, seed: int, runs: Sequence[int]
+    ) -> None:
+        vertical = () if config.vertical_speed is None else (VERTICAL_SPEED,)
+        heading = () if config.heading is None else (HEADING,)
+        self.error_columns = (*POSITION, "speed_m_s", "course_rad", *vertical, *heading)
+        self.columns = (*self.error_columns, *Reports.columns, *((HEADING_SIGMA,) if heading else ()))
+        super().__init__(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        self._table = list(config.states.values())
+        self._dilution_of: dict[int, FloatArray] = {}
+        self._build_receiver(config)
+        self._build_velocity(config)
+        self._build_heading(config)
+        self._truth = np.full(len(self.columns), np.nan)
+
+    def _build_receiver(self, config: GnssConfig) -> None:
+        self._disturbances = Disturbances(
+            self._faults.inner,
+            qualities=[state.quality for state in self._table],
+            period_s=self.period_s,
+            streams=self._streams,
+        )
+        self._corrections = Corrections(
+            interval_s=config.corrections_interval_s,
+            delay_s=config.corrections_delay_s,
+            loss=config.corrections_loss_probability,
+            streams=self._streams,
+        )
+        self._states = FixStates(config.states, pinned=config.state, streams=self._streams)
+        self._position_errors = PositionErrors(
+            self._table,
+            self._states.index,
+            drift_s=config.age_drift_correlation_s,
+            period_s=self.period_s,
+            streams=self._streams,
+        )
+        self._normals = self._streams.normal("receiver", self._position_errors.normals_needed)
+        self._reports = Reports(self._table, first=len(self.error_columns))
+        first = len(self.error_columns)
+        self._sigmas = [first, first + 1, first + 2]
+        self._digits = Quantiser(lsb=[config.position_resolution_m] * 3)
+
+    def _build_velocity(self, config: GnssConfig) -> None:
+        self._velocity_lag = LowPass(tau_s=config.velocity_lag_s, period_s=self.period_s)
+        noise = [[state.velocity_noise_m_s, state.velocity_noise_ratio] for state in self._table]
+        self._still_noise, self._noise_ratio = np.ascontiguousarray(np.array(noise).T)
+        self._vertical_error = None
+        if config.vertical_speed is not None:
+            self._vertical_error = vertical_speed_error(
+                config.vertical_speed, period_s=self.period_s, streams=self._streams
+            )
+
+    def _build_heading(self, config: GnssConfig) -> None:
+        self._heading_error = None
+        if config.heading is not None:
+            self._heading_error = heading_error(config.heading, period_s=self.period_s, streams=self._streams)
+            self._heading_column = self.columns.index(HEADING)
+            self._heading_sigma = config.heading.reported_sigma_rad
+            given = [state.quality in config.heading.qualities for state in self._table]
+            self._no_heading = ~np.array([*given, False])
+            self._sigmas.append(self.columns.index(HEADING_SIGMA))
+
+    def _measure(self, capture: Capture) -> Reading:
+        t_ns, position = capture.t_ns, capture.position_enu_m
+        disturbances, reference_ns = self._disturbances, self._corrections.reference_ns
+        disturbances.update()
+        self._corrections.update(t_ns, link_up=disturbances.link_up, late_ns=disturbances.late_ns)
+        self._states.update(t_ns, reference_ns, disturbances.satellites)
+        index = self._states.index if disturbances.forced is None else disturbances.forced
+        dilutions = self._dilution(disturbances.satellites)
+        normals = self._normals.next()
+        error = self._position_errors.step(
+            t_ns,
+            reference_ns=reference_ns,
+            index=index,
+            improving=self._states.improving,
+            dilution=dilutions,
+            normals=normals,
+        )
+        if disturbances.offset_m is not None:
+            error = error + disturbances.offset_m
+        values = np.empty((self._runs, len(self.columns)))
+        values[:, :3] = self._digits.apply(error + position)
+        self._truth[:3] = position
+        self._put_velocity(values, capture.velocity_enu_m_s, index, normals)
+        self._put_heading(values, capture.rotation, index)
+        self._reports.write(
+            values,
+            t_ns,
+            reference_ns=reference_ns,
+            index=index,
+            satellites=disturbances.satellites,
+            dilution=dilutions,
+        )
+        if disturbances.zero_sigmas:
+            values[:, self._sigmas] *= 0.0  # what is NaN stays so
+        return Reading(values=values, truth=self._truth, hidden=self._position_errors.correlated)
+
+    def _dilution(self, satellites: int) -> FloatArray:
+        if satellites not in self._dilution_of:
+            self._dilution_of[satellites] = dilution(self._table, satellites)
+        return self._dilution_of[satellites]
+
+    def _put_velocity(self, values: FloatArray, velocity: FloatArray, index: IntArray, normals: FloatArray) -> None:
+        true_speed = math.hypot(velocity[0], velocity[1])
+        self._truth[3] = true_speed
+        self._truth[4] = math.atan2(velocity[1], velocity[0]) if true_speed >= _NO_COURSE_M_S else math.nan
+        ((east, north, up),) = self._velocity_lag.step(velocity[np.newaxis, :]).tolist()
+        speed_and_course(east, north, true_speed, index, self._still_noise, self._noise_ratio, normals, 3, values)
+        if self._vertical_error is not None:
+            values[:, 5] = self._vertical_error.step() + up
+            self._truth[5] = velocity[2]
+
+    def _put_heading(self, values: FloatArray, rotation: FloatArray, index: IntArray) -> None:
+        if self._heading_error is None:
+            return
+        heading = math.atan2(rotation[1, 0], rotation[0, 0])
+        self._truth[self._heading_column] = heading
+        values[:, self._heading_column] = self._heading_error.step() + heading
+        wrap(values, self._heading_column)
+        values[:, -1] = self._heading_sigma
+        none = self._no_heading[index]
+        values[none, self._heading_column] = np.nan
+        values[none, -1] = np.nan
+
+    def _datasheet(self, config: SensorConfig) -> dict[str, float]:
+        assert isinstance(config, GnssConfig)
+        state = config.usual_state
+        east, north, up = state.reported_sigma_m
+        sheet = {
+            "position_noise_m": math.sqrt((east * east + north * north) / 2.0),
+            "height_noise_m": up,
+            "speed_noise_m_s": state.velocity_noise_m_s,
+            "speed_noise_ratio": state.velocity_noise_ratio,
+            "velocity_lag_s": config.velocity_lag_s,
+            "latency_s": config.latency_s,
+        }
+        if config.vertical_speed is not None:
+            sheet["vertical_speed_noise_m_s"] = config.vertical_speed.white_sigma_m_s
+        if config.heading is not None:
+            sheet["heading_noise_rad"] = config.heading.reported_sigma_rad
+        return sheet
+
+    def _error_sigma(self, config: SensorConfig) -> FloatArray:
+        assert isinstance(config, GnssConfig)
+        state = config.usual_state
+        sigma = np.zeros(len(self.columns))
+        sigma[:3] = state.total_sigma_m()
+        sigma[3] = state.velocity_noise_m_s
+        if config.vertical_speed is not None:
+            sigma[5] = math.hypot(config.vertical_speed.white_sigma_m_s, config.vertical_speed.correlated_sigma_m_s)
+        if config.heading is not None:
+            sigma[self.columns.index(HEADING)] = math.hypot(
+                config.heading.white_sigma_rad, config.heading.correlated_sigma_rad
+            )
+        return sigma

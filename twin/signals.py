@@ -1,0 +1,252 @@
+"""The vocabulary that world, sensors, estimators and control share.
+
+Everything that is recorded is a *stream*: rows in time of named scalar **columns**. A column's name carries its unit
+(``position_e_m``, ``heading_rad``, ``row_speed_1_m_s``). Scoring and pictures match an estimate to the truth by
+column name, so an estimator that estimates a thing gives it the column name the truth has. Columns whose name the
+truth does not have (innovations, modes) are recorded but not scored.
+
+Frames, units and time follow one convention: local ENU world, FLU body, SI and radians, integer nanoseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+NS_PER_S = 1_000_000_000
+
+
+def seconds(t_ns: int) -> float:
+    """Integer nanoseconds as seconds."""
+    return t_ns / NS_PER_S
+
+
+def nanoseconds(t_s: float) -> int:
+    """Seconds as the nearest integer nanosecond."""
+    return round(t_s * NS_PER_S)
+
+
+# --- named quantities ------------------------------------------------------------------------------------------------
+
+POSITION = ("position_e_m", "position_n_m", "position_u_m")
+VELOCITY = ("velocity_e_m_s", "velocity_n_m_s", "velocity_u_m_s")
+HEADING = "heading_rad"
+SPEED = "speed_m_s"
+YAW_RATE = "yaw_rate_rad_s"
+HEIGHT = "height_m"
+
+ANGLE_SUFFIX = "_rad"
+"""Columns that end so and name a direction wrap; see :func:`wraps`."""
+
+_WRAPPING = frozenset({HEADING, "course_rad", "roll_rad", "pitch_rad"})
+
+
+def row_speed(row: int) -> str:
+    """Column of the forward speed of row unit ``row`` (counted from 1, the leftmost), m/s."""
+    return f"row_speed_{row}_m_s"
+
+
+def row_position(row: int) -> tuple[str, str]:
+    """Columns of the east and north position of row unit ``row`` (counted from 1, the leftmost), m."""
+    return f"row_{row}_e_m", f"row_{row}_n_m"
+
+
+def wraps(column: str) -> bool:
+    """Tell whether differences of this column have to be wrapped into (-pi, pi]."""
+    return column in _WRAPPING
+
+
+# --- where things sit ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mount:
+    """A fixed pose on a rigid body of the machine.
+
+    ``body`` is a link of the machine; ``xyz_m`` lies in that link's frame (FLU, origin at the link frame's origin);
+    ``rpy_rad`` turns body axes into the mount's axes.
+    """
+
+    body: str
+    xyz_m: tuple[float, float, float]
+    rpy_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+# --- what a sensor asks the world for, and gets ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionNeed:
+    """A sensor needs the motion of its mount, averaged over its sample interval."""
+
+    mount: Mount
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MountMotion:
+    """Motion of a mount at the end of one sample interval, and its means over that interval.
+
+    The means over ``interval_s`` are exact averages of what happened at the physics rate (delta-velocity and
+    delta-angle over the interval), so that vibration does not alias into a slower sensor.
+    """
+
+    t_ns: int
+    """End of the interval."""
+    interval_s: float
+    position_enu_m: FloatArray
+    """(3,) at ``t_ns``."""
+    rotation: FloatArray
+    """(3, 3) mount to world at ``t_ns``."""
+    velocity_enu_m_s: FloatArray
+    """(3,) at ``t_ns``."""
+    mean_velocity_enu_m_s: FloatArray
+    """(3,) displacement over the interval divided by the interval."""
+    mean_specific_force_m_s2: FloatArray
+    """(3,) mean of R^T (a - g) in mount axes: what an ideal accelerometer integrates. At rest +g on the up axis."""
+    mean_rate_rad_s: FloatArray
+    """(3,) mean angular rate in mount axes: what an ideal gyroscope integrates."""
+
+
+Need = MotionNeed
+Capture = MountMotion
+
+
+# --- what sensors give -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measurement:
+    """One sample of one sensor for the R runs of an ensemble (an ordinary run is R = 1).
+
+    ``t_ns`` is when the sensor says it was true (a sensor clock may be wrong), ``t_available_ns`` when it arrived.
+    Estimators receive measurements in order of arrival; late, repeated and out-of-order samples are normal input.
+    """
+
+    sensor: str
+    t_ns: int
+    t_available_ns: int
+    columns: tuple[str, ...]
+    values: FloatArray
+    """(R, n), one value per column; NaN where the sensor gave none."""
+    valid: BoolArray
+    """(R,) False where the whole sample was lost in that run."""
+
+    @property
+    def t(self) -> float:
+        """Time of validity, s."""
+        return self.t_ns / NS_PER_S
+
+    @property
+    def t_available(self) -> float:
+        """Time of arrival, s."""
+        return self.t_available_ns / NS_PER_S
+
+    def column(self, name: str) -> FloatArray:
+        """Values of one column, shape (R,)."""
+        return self.values[:, self.columns.index(name)]
+
+
+# --- what estimators give --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorInfo:
+    """What the machine's owner knows of one sensor: where it sits, its rate and its data sheet."""
+
+    name: str
+    kind: str
+    columns: tuple[str, ...]
+    mount: Mount
+    rate_hz: float
+    datasheet: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorSetup:
+    """What an estimator is told before the run: never the simulator's drawn errors."""
+
+    name: str
+    runs: int
+    """R, the length of the ensemble axis."""
+    sensors: Mapping[str, SensorInfo]
+    """The sensors this estimator listens to."""
+    reference: Mount
+    """The frame whose position, heading and speed the truth columns mean."""
+    rows_y_m: tuple[float, ...]
+    """Lateral positions of the row units in the reference frame, row 1 (leftmost, largest y) first."""
+    start_e_n_heading: tuple[float, float, float]
+    """Nominal start pose of the reference frame (east m, north m, heading rad), as set out by the owner."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """State of knowledge at ``t_ns`` for R runs.
+
+    ``values`` and ``sigmas`` have shape (R, n) and follow the estimator's ``columns``; a sigma is one standard
+    deviation, NaN where the estimator claims none. ``covariance`` is (R, m, m) over the estimator's
+    ``state_columns``, or None.
+    """
+
+    t_ns: int
+    values: FloatArray
+    sigmas: FloatArray
+    covariance: FloatArray | None = None
+
+
+class Estimator(Protocol):
+    """What the run needs of an estimator."""
+
+    columns: tuple[str, ...]
+    state_columns: tuple[str, ...]
+
+    def process(self, measurement: Measurement) -> None:
+        """Take one measurement, in order of arrival."""
+
+    def estimate(self, t_ns: int) -> Estimate:
+        """Return the estimate at ``t_ns``, after all that arrived until then."""
+
+
+# --- what drives the machine -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """What a driver or controller asks of the machine; each machine takes what it has."""
+
+    speed_m_s: float = 0.0
+    """Wanted forward speed."""
+    steering_rad: float = 0.0
+    """Wanted steering angle of the equivalent single front wheel, positive to the left."""
+    brake: bool = False
+    """Hold the parking brake."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleState:
+    """What a driver sees: pose of the middle of the rear axle, its forward speed, the steering angle."""
+
+    east_m: float
+    north_m: float
+    heading_rad: float
+    speed_m_s: float
+    steering_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something worth a line in the log: a segment begins, a fault begins, a gate closes."""
+
+    t_ns: int
+    source: str
+    """Who says so, e.g. ``driver``, ``sensors.gnss``, ``estimators.central``."""
+    level: str
+    """``info``, ``warning`` or ``error``."""
+    text: str

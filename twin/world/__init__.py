@@ -1,0 +1,10 @@
+"""The physical world: terrain, soil, machines and the simulation that moves them.
+
+The configuration sections are light to import; only :mod:`twin.world.simulation` imports pybullet.
+"""
+
+from twin.world.machines import MachineConfig
+from twin.world.soil import SoilConfig
+from twin.world.terrain import TerrainConfig
+
+__all__ = ["MachineConfig", "SoilConfig", "TerrainConfig"]

@@ -1,0 +1,224 @@
+"""What a machine is to the simulation, and what a scenario can say about one.
+
+A machine is a URDF tree with wheels on some joints, named mounts for sensors, a reference frame whose motion is "the"
+motion of the machine, and a drive that turns a :class:`~twin.signals.Command` into joint torques. Each machine module
+fills in a :class:`MachineModel` and a configuration derived from :class:`MachineBaseConfig`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Protocol, Self
+
+from pydantic import Field, Strict, field_validator, model_validator
+
+from twin.config import Config, Vector3
+from twin.geometry import rotation_from_rpy, rpy_from_rotation
+from twin.signals import Command, FloatArray, Mount
+from twin.world.urdf import Urdf, read_urdf
+
+STEERING = "steering_rad"
+DRIVE_TORQUE = "drive_torque_n_m"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wheel:
+    """A tyre on a joint. The joint's axis points to the machine's left."""
+
+    joint: str
+    radius_m: float
+    """Unloaded."""
+    width_m: float
+    stiffness_n_m: float
+    """Vertical."""
+    damping_n_s_m: float
+    """Vertical."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Draught:
+    """Soil-engaging tools: a force against the forward motion of points on a line along a body's y axis."""
+
+    body: str
+    x_m: float
+    z_m: float
+    y_m: tuple[float, ...]
+    force_n: float
+    """Of all tools together, at speeds well above ``knee_m_s``."""
+    knee_m_s: float = 0.05
+    """The force is force v / sqrt(v^2 + knee^2): smooth through standstill, where soil does not push."""
+
+
+@dataclass(slots=True)
+class Actuation:
+    """What a drive does to the joints during one step, indexed by joint in the URDF's tree order."""
+
+    torque_n_m: FloatArray
+    """(J,) joint torques."""
+    brake_n_m: FloatArray
+    """(J,) dry moments of the brakes; the simulation adds rolling resistance."""
+    servo_rad_s: list[float]
+    """Rates at which stiff servos drive the joints they hold; zero elsewhere."""
+
+
+class Drive(Protocol):
+    """Engine, transmission, steering and brakes, with their lags and limits."""
+
+    columns: tuple[str, ...]
+    """Diagnostics it adds to the truth."""
+    servos: tuple[int, ...]
+    """Joints held by a stiff servo."""
+    engaged: bool
+    """False puts it in neutral: no drive torque; brakes still work."""
+
+    def reset(self) -> None:
+        """Go back to standstill."""
+
+    def step(self, command: Command, q: list[float], qd: list[float], dt_s: float, out: Actuation) -> None:
+        """Advance by one step from joint angles and rates, and fill ``out``."""
+
+    def diagnostics(self) -> tuple[float, ...]:
+        """Values of ``columns``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MachineModel:
+    """A machine, ready to be simulated."""
+
+    urdf: Path
+    wheels: tuple[Wheel, ...]
+    mounts: dict[str, Mount]
+    reference: Mount
+    rows_y_m: tuple[float, ...]
+    start: tuple[float, float, float]
+    """East m, north m, heading rad of the root link's frame."""
+    drive: Callable[[Urdf], Drive]
+    draughts: tuple[Draught, ...] = ()
+    servo_torque_n_m: float = 50_000.0
+
+
+class MountConfig(Config):
+    """Where something is fixed on the machine."""
+
+    body: str
+    """Link of the machine."""
+    xyz_m: Vector3
+    """Position in the link's frame: forward, left, up."""
+    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    """Roll, pitch and yaw that turn the link's axes into the mount's."""
+
+    def mount(self) -> Mount:
+        """Return the same in radians."""
+        roll, pitch, yaw = (math.radians(angle) for angle in self.rpy_deg)
+        return Mount(body=self.body, xyz_m=self.xyz_m, rpy_rad=(roll, pitch, yaw))
+
+
+class BarConfig(Config):
+    """The reference frame, whose position, heading and speed are "the" machine's, and the rows along its y axis."""
+
+    body: str
+    """Link of the machine."""
+    xyz_m: Vector3
+    """Origin in the link's frame."""
+    rows_y_m: Annotated[tuple[float, ...], Strict(strict=False), Field(min_length=1, max_length=64)]
+    """Lateral positions of the row units, from row 1 (leftmost, largest) on."""
+
+    @field_validator("rows_y_m")
+    @classmethod
+    def _from_left_to_right(cls, rows: tuple[float, ...]) -> tuple[float, ...]:
+        if any(right >= left for left, right in pairwise(rows)):
+            raise ValueError("rows_y_m has to fall from row 1 (left, positive) to the last row")
+        return rows
+
+
+class StartConfig(Config):
+    """Where the machine stands at the beginning: the middle of the rear axle, where the path begins."""
+
+    east_m: float = 0.0
+    """East."""
+    north_m: float = 0.0
+    """North."""
+    heading_deg: float = 0.0
+    """Counter-clockwise from east."""
+
+
+class MachineBaseConfig(Config):
+    """What every machine's section has."""
+
+    asset: ClassVar[Path]
+    default_mounts: ClassVar[dict[str, MountConfig]]
+    default_bar: ClassVar[BarConfig]
+
+    mounts: dict[str, MountConfig] = Field(default_factory=dict)
+    """Mounts to add to the machine's own, or to put in their place."""
+    bar: BarConfig | None = None
+    """Another reference frame with other rows."""
+    start: StartConfig = StartConfig()
+    """Start pose of the middle of the rear axle."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_default_mounts(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("mounts", {}), dict):
+            return {**data, "mounts": {**cls.default_mounts, **data.get("mounts", {})}}
+        return data
+
+    @model_validator(mode="after")
+    def _bodies_exist(self) -> Self:
+        bodies = [link.name for link in read_urdf(self.asset).links]
+        placed = {f"mounts.{name}": mount.body for name, mount in self.mounts.items()}
+        if self.bar is not None:
+            placed["bar"] = self.bar.body
+        for key, body in placed.items():
+            if body not in bodies:
+                raise ValueError(f"{key}.body: unknown body {body!r} (there are {', '.join(bodies)})")
+        return self
+
+    def model(self) -> MachineModel:
+        """Return the machine to be simulated."""
+        raise NotImplementedError
+
+    @property
+    def resolved_mounts(self) -> dict[str, Mount]:
+        """All mounts, by name."""
+        return {name: mount.mount() for name, mount in self.mounts.items()}
+
+    @property
+    def _bar(self) -> BarConfig:
+        return self.bar if self.bar is not None else self.default_bar
+
+    @property
+    def reference(self) -> Mount:
+        """The frame whose position, heading and speed the truth columns mean."""
+        return Mount(body=self._bar.body, xyz_m=self._bar.xyz_m)
+
+    @property
+    def rows_y_m(self) -> tuple[float, ...]:
+        """Lateral positions of the row units in the reference frame, row 1 (leftmost) first."""
+        return self._bar.rows_y_m
+
+    @property
+    def vehicle_start(self) -> tuple[float, float, float]:
+        """Start pose of the middle of the rear axle: east m, north m, heading rad."""
+        return self.start.east_m, self.start.north_m, math.radians(self.start.heading_deg)
+
+    @property
+    def reference_start(self) -> tuple[float, float, float]:
+        """Nominal start pose of the reference frame (straight behind the tractor): east m, north m, heading rad."""
+        east, north, heading = self.vehicle_start
+        position, rotation = read_urdf(self.asset).zero_pose(self.reference.body)
+        offset = position + rotation @ self.reference.xyz_m
+        turned = rotation_from_rpy(0.0, 0.0, heading) @ offset
+        own = float(rpy_from_rotation(rotation)[2])
+        return east + float(turned[0]), north + float(turned[1]), heading + own
+
+    @property
+    def reach_m(self) -> float:
+        """No part of the machine is farther from the middle of the rear axle than this."""
+        urdf = read_urdf(self.asset)
+        ends = [float(math.hypot(*urdf.zero_pose(link.name)[0][:2])) for link in urdf.links]
+        return max(ends) + max(abs(y) for y in self.rows_y_m) + abs(self.reference.xyz_m[0])

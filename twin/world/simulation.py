@@ -1,0 +1,383 @@
+"""The world in motion: one machine on one terrain, stepped by pybullet, with our tyre-soil forces.
+
+pybullet integrates the machine's tree of rigid bodies (Featherstone); everything that touches the ground is ours
+(``twin.world.dynamics``, ``twin.world.tyres``). The machine has no collision shapes: there is nothing to hit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+import numpy as np
+
+from twin.errors import BadInputError, WorldEndedError
+from twin.geometry import STANDARD_GRAVITY_M_S2, rotation_from_rpy
+from twin.signals import (
+    HEADING,
+    NS_PER_S,
+    POSITION,
+    SPEED,
+    VELOCITY,
+    YAW_RATE,
+    Capture,
+    Command,
+    FloatArray,
+    Mount,
+    MountMotion,
+    Need,
+    VehicleState,
+    row_position,
+    row_speed,
+)
+from twin.world import dynamics, tyres
+from twin.world.body import PhysicsBody
+from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
+from twin.world.soil import Soil, SoilConfig
+from twin.world.statics import static_loads
+from twin.world.terrain import AnyTerrain, Extent, Terrain, build_terrain
+
+_SETTLING_S = 4.0
+_SETTLING_DAMPING = 3.0
+_MARGIN_M = 5.0
+_REASONS = {
+    dynamics.OFF_TERRAIN: "the machine left the terrain",
+    dynamics.NOT_FINITE: "the simulation diverged: the state is no longer finite",
+    dynamics.TIPPED: "the machine tipped over",
+}
+_WHEEL_COLUMNS = (
+    ("normal_n", tyres.NORMAL),
+    ("pull_n", tyres.FORCE_X),
+    ("side_n", tyres.FORCE_Y),
+    ("slip", tyres.SLIP_RATIO),
+    ("slip_angle_rad", tyres.SLIP_ANGLE),
+)
+
+
+class World:
+    """One machine on one terrain.
+
+    Time is counted in integer ticks of ``dt_ns``. The machine begins settled on the ground with its brakes on; the
+    motion of a mount is accumulated for whoever :meth:`watch`-es it.
+
+    Raises:
+        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain.
+    """
+
+    def __init__(
+        self, *, terrain: Terrain, soil: Soil, machine: MachineModel, seed: int, dt_ns: int = 2_000_000
+    ) -> None:
+        self.terrain = terrain
+        self.machine = machine
+        self.seed = seed
+        self.dt_ns = dt_ns
+        self.tick = 0
+        self._dt_s = dt_ns / NS_PER_S
+        self._body = PhysicsBody(machine.urdf, self._dt_s)
+        try:
+            self._prepare(soil)
+            self._settle()
+        except BaseException:
+            self.close()
+            raise
+
+    # --- building ----------------------------------------------------------------------------------------------------
+
+    def _prepare(self, soil: Soil) -> None:
+        urdf, machine = self._body.urdf, self.machine
+        joints = len(urdf.joints)
+        self._parents = np.array(urdf.parent_indices(), dtype=np.int64)
+        self._joints = np.array(
+            [(*j.origin_m, *rotation_from_rpy(*j.origin_rpy).ravel(), *j.axis) for j in urdf.joints]
+        )
+        self._com = np.array(urdf.links[0].com_m)
+        self._state = np.zeros(dynamics.JOINTS + 2 * joints)
+        self._links = np.zeros((joints + 1, dynamics.LINK_COLUMNS))
+        self._loads = np.zeros(6 + joints)
+        self._drive = machine.drive(urdf)
+        self._command = Command(brake=True)
+        self._actuation = Actuation(torque_n_m=np.zeros(joints), brake_n_m=np.zeros(joints), servo_rad_s=[0.0] * joints)
+        self._limits = np.zeros(joints)
+        self._limits[list(self._drive.servos)] = machine.servo_torque_n_m
+        self._wheel_joints = np.array([urdf.joint_index(wheel.joint) for wheel in machine.wheels], dtype=np.int64)
+        loads = static_loads(urdf, [wheel.joint for wheel in machine.wheels])
+        self._wheels = np.array(
+            [
+                tyres.wheel_parameters(wheel, soil, static_load_n=load, spin_inertia_kg_m2=self._spin_inertia(joint))
+                for wheel, load, joint in zip(machine.wheels, loads, self._wheel_joints, strict=True)
+            ]
+        )
+        self._static_sinkage_m = float(np.mean(loads / self._wheels[:, tyres.STIFFNESS]))
+        self._rolling_resistance = soil.rolling_resistance
+        self._deflections = np.zeros((len(machine.wheels), 2))
+        self._results = np.zeros((len(machine.wheels), tyres.WHEEL_RESULTS))
+        self._tools = np.array(
+            [
+                (urdf.link_index(d.body), d.x_m, y, d.z_m, d.force_n / len(d.y_m), d.knee_m_s)
+                for d in machine.draughts
+                for y in d.y_m
+            ]
+        ).reshape(-1, 6)
+        self._reference_body = urdf.link_index(machine.reference.body)
+        self._reference = self._mount_row(machine.reference)
+        self._rows = np.array(machine.rows_y_m)
+        self._watched: dict[str, int] = {}
+        self._started_tick: dict[str, int] = {}
+        self._bodies = np.zeros(0, dtype=np.int64)
+        self._mounts = np.zeros((0, dynamics.MOUNT_COLUMNS))
+        self._sums = np.zeros((0, dynamics.ACCUMULATOR_COLUMNS))
+        self._grid = (terrain := self.terrain).west_m, terrain.south_m, terrain.cell_m
+        self.truth_columns = self._name_columns()
+        self._truth_head = np.zeros(11 + 3 * len(self._rows))
+
+    def _spin_inertia(self, joint: int) -> float:
+        axis = np.array(self._body.urdf.joints[joint].axis)
+        return float(np.abs(axis) @ np.array(self._body.urdf.links[joint + 1].inertia_kg_m2))
+
+    def _mount_row(self, mount: Mount) -> FloatArray:
+        return np.array([*mount.xyz_m, *rotation_from_rpy(*mount.rpy_rad).ravel()])
+
+    def _name_columns(self) -> tuple[str, ...]:
+        rows = range(1, len(self._rows) + 1)
+        head = (*POSITION, *VELOCITY, HEADING, "roll_rad", "pitch_rad", SPEED, YAW_RATE)
+        per_row = tuple(name for row in rows for name in (row_speed(row), *row_position(row)))
+        drawing = ("base_e_m", "base_n_m", "base_u_m", "base_qx", "base_qy", "base_qz", "base_qw")
+        joints = tuple(f"joint.{joint.name}_rad" for joint in self._body.urdf.joints)
+        vehicle = ("tractor_e_m", "tractor_n_m", "tractor_heading_rad", "tractor_speed_m_s")
+        wheels = tuple(f"{wheel.joint}.{name}" for wheel in self.machine.wheels for name, _ in _WHEEL_COLUMNS)
+        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels
+
+    # --- start -------------------------------------------------------------------------------------------------------
+
+    def _settle(self) -> None:
+        """Put the machine on the ground and let it come to rest, brakes on, before the clock starts."""
+        east, north, heading = self.machine.start
+        self._body.place(*self._pose_on_ground(east, north, heading))
+        self._read()
+        damping = self._wheels[:, tyres.DAMPING].copy()
+        self._wheels[:, tyres.DAMPING] *= _SETTLING_DAMPING
+        try:
+            self.advance(round(_SETTLING_S / self._dt_s))
+        except WorldEndedError as error:
+            raise BadInputError(f"machine.start: {error.reason} at its start") from error
+        self._wheels[:, tyres.DAMPING] = damping
+        self._drive.reset()
+        self.tick = 0
+
+    def _pose_on_ground(self, east: float, north: float, heading: float) -> tuple[FloatArray, FloatArray]:
+        """Position and roll, pitch, yaw of the root that lay the wheels on the ground's mean plane."""
+        urdf = self._body.urdf
+        turn = rotation_from_rpy(0.0, 0.0, heading)
+        hubs = np.array([urdf.zero_pose(urdf.links[j + 1].name)[0] for j in self._wheel_joints])
+        spots = hubs @ turn.T + np.array([east, north, 0.0])
+        ground = np.array([self._height_at_start(x, y) for x, y, _ in spots])
+        design = np.column_stack([np.ones(len(hubs)), hubs[:, 0], hubs[:, 1]])
+        level, ahead, left = np.linalg.lstsq(design, ground, rcond=None)[0]
+        bottom = hubs[:, 2] - self._wheels[:, tyres.RADIUS] + self._static_sinkage_m
+        position = np.array([east, north, level - float(np.mean(bottom))])
+        return position, np.array([math.atan(left), -math.atan(ahead), heading])
+
+    def _height_at_start(self, east_m: float, north_m: float) -> float:
+        try:
+            return self.terrain.height(east_m, north_m)
+        except BadInputError as error:
+            raise BadInputError(f"machine.start: a wheel at {error}") from error
+
+    # --- the hot loop ------------------------------------------------------------------------------------------------
+
+    def advance(self, to_tick: int) -> None:
+        """Step until ``to_tick``.
+
+        Raises:
+            WorldEndedError: the machine tipped over, left the terrain, or the simulation diverged.
+        """
+        body, drive, actuation, command = self._body, self._drive, self._actuation, self._command
+        state, loads, limits, dt, count = self._state, self._loads, self._limits, self._dt_s, len(self._joints)
+        tree = self._parents, self._joints
+        ground: tuple[Any, ...] = (
+            state, self._links, self._wheel_joints, self._wheels, self._deflections, self._results,
+            self.terrain.heights, *self._grid, self._tools, self._rolling_resistance,
+            actuation.torque_n_m, actuation.brake_n_m, dt, loads, limits,
+        )  # fmt: skip
+        watched = self._bodies, self._mounts, self._sums
+        mounts: tuple[Any, ...] = self._com, state, self._links, *watched, dt, STANDARD_GRAVITY_M_S2
+        q = state[dynamics.JOINTS : dynamics.JOINTS + count].tolist()
+        qd = state[dynamics.JOINTS + count :].tolist()
+        while self.tick < to_tick:
+            drive.step(command, q, qd, dt, actuation)
+            status = dynamics.forces(*tree, *ground)
+            if status != dynamics.OK:
+                raise WorldEndedError(_REASONS[status])
+            q, qd = body.step(state, loads.tolist(), actuation.servo_rad_s, limits.tolist())
+            dynamics.motion(*tree, *mounts)
+            self.tick += 1
+
+    def _read(self) -> None:
+        self._body.read(self._state)
+        dynamics.move_links(self._parents, self._joints, self._com, self._state, self._links)
+
+    def command(self, command: Command) -> None:
+        """Take what a driver asks for, from the next step on."""
+        self._command = command
+
+    def engage(self, engaged: bool) -> None:
+        """Put the transmission in gear, or in neutral (the machine coasts; brakes still work)."""
+        self._drive.engaged = engaged
+
+    # --- what others may know ----------------------------------------------------------------------------------------
+
+    def vehicle(self) -> VehicleState:
+        """What the driver sees now."""
+        root = self._links[0]
+        heading = math.atan2(root[6], root[3])
+        speed = float(root[12]) * math.cos(heading) + float(root[13]) * math.sin(heading)
+        return VehicleState(
+            east_m=float(root[0]),
+            north_m=float(root[1]),
+            heading_rad=heading,
+            speed_m_s=speed,
+            steering_rad=self._drive.diagnostics()[0],
+        )
+
+    def truth(self) -> FloatArray:
+        """Values of ``truth_columns`` at the current tick, shape (n,)."""
+        dynamics.reference_truth(self._links, self._reference_body, self._reference, self._rows, self._truth_head)
+        state, count, vehicle = self._state, len(self._joints), self.vehicle()
+        angles = state[dynamics.JOINTS : dynamics.JOINTS + count]
+        return np.concatenate(
+            [
+                self._truth_head,
+                self._links[0, :3],
+                state[dynamics.QUATERNION : dynamics.QUATERNION + 4],
+                angles,
+                (vehicle.east_m, vehicle.north_m, vehicle.heading_rad, vehicle.speed_m_s),
+                self._drive.diagnostics(),
+                self._results[:, [index for _, index in _WHEEL_COLUMNS]].ravel(),
+            ]
+        )
+
+    def watch(self, name: str, need: Need) -> None:
+        """Accumulate the motion of a mount from now on, for :meth:`capture` under this name."""
+        index = len(self._watched)
+        mount = self._mount_row(need.mount)
+        body = self._body.urdf.link_index(need.mount.body)
+        row = np.zeros(dynamics.ACCUMULATOR_COLUMNS)
+        dynamics.place_mount(self._links[body], mount, row)
+        row[dynamics.ACC_START : dynamics.ACC_START + 3] = row[:3]
+        rotation = row[dynamics.ACC_ROTATION : dynamics.ACC_ROTATION + 9].reshape(3, 3)
+        # Until the first step the machine has stood on its brakes.
+        row[dynamics.ACC_LAST_FORCE : dynamics.ACC_LAST_FORCE + 3] = rotation[2] * STANDARD_GRAVITY_M_S2
+        row[dynamics.ACC_LAST_RATE : dynamics.ACC_LAST_RATE + 3] = rotation.T @ self._links[body, dynamics.RATE :]
+        self._watched[name] = index
+        self._started_tick[name] = self.tick
+        self._bodies = np.append(self._bodies, np.int64(body))
+        self._mounts = np.vstack([self._mounts, mount])
+        self._sums = np.vstack([self._sums, row])
+
+    def capture(self, name: str) -> Capture:
+        """Motion of a watched mount now, and its means since the previous capture of that name.
+
+        With no step in between, the means are those of the latest step (and ``interval_s`` is 0).
+        """
+        row = self._sums[self._watched[name]]
+        steps = self.tick - self._started_tick[name]
+        force = row[dynamics.ACC_FORCE : dynamics.ACC_FORCE + 3]
+        rate = row[dynamics.ACC_RATE : dynamics.ACC_RATE + 3]
+        start = row[dynamics.ACC_START : dynamics.ACC_START + 3]
+        position = row[dynamics.ACC_POSITION : dynamics.ACC_POSITION + 3]
+        velocity = row[dynamics.ACC_VELOCITY : dynamics.ACC_VELOCITY + 3]
+        interval_s = steps * self.dt_ns / NS_PER_S
+        last = (dynamics.ACC_LAST_FORCE, dynamics.ACC_LAST_RATE)
+        motion = MountMotion(
+            t_ns=self.tick * self.dt_ns,
+            interval_s=interval_s,
+            position_enu_m=position.copy(),
+            rotation=row[dynamics.ACC_ROTATION : dynamics.ACC_ROTATION + 9].reshape(3, 3).copy(),
+            velocity_enu_m_s=velocity.copy(),
+            mean_velocity_enu_m_s=(position - start) / interval_s if steps else velocity.copy(),
+            mean_specific_force_m_s2=force / steps if steps else row[last[0] : last[0] + 3].copy(),
+            mean_rate_rad_s=rate / steps if steps else row[last[1] : last[1] + 3].copy(),
+        )
+        start[:] = position
+        force[:] = rate[:] = 0.0
+        self._started_tick[name] = self.tick
+        return motion
+
+    def bare_step_us(self, steps: int = 2000) -> float:
+        """Wall time of one bare ``pybullet.stepSimulation`` of the same machine, in microseconds.
+
+        A second client holds a copy of the machine as it stands, its joints held by the same motors, without our
+        forces and without gravity.
+        """
+        copy = PhysicsBody(self.machine.urdf, self._dt_s)
+        try:
+            copy.hold(self._actuation.servo_rad_s, self._limits.tolist())
+            copy.float_freely()
+            return copy.time_steps(steps)
+        finally:
+            copy.close()
+
+    def energy_j(self) -> float:
+        """Kinetic, potential and tyre-spring energy of the machine, J (tyres as of the latest step's forces)."""
+        total = float(np.sum(self._results[:, tyres.SPRING]))
+        for link, row in zip(self._body.urdf.links, self._links, strict=True):
+            rotation = row[dynamics.ROTATION : dynamics.ROTATION + 9].reshape(3, 3)
+            arm = rotation @ link.com_m
+            rate = row[dynamics.RATE :]
+            velocity = row[dynamics.VELOCITY : dynamics.VELOCITY + 3] + np.cross(rate, arm)
+            spin = rotation.T @ rate
+            total += 0.5 * link.mass_kg * float(velocity @ velocity)
+            total += 0.5 * float(np.array(link.inertia_kg_m2) @ spin**2)
+            total += link.mass_kg * STANDARD_GRAVITY_M_S2 * float(row[2] + arm[2])
+        return total
+
+    def close(self) -> None:
+        """Disconnect from pybullet; may be called more than once."""
+        self._body.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def build_world(
+    terrain: AnyTerrain,
+    soil: SoilConfig,
+    machine: MachineBaseConfig,
+    *,
+    seed: int,
+    dt_ns: int = 2_000_000,
+    path: FloatArray | None = None,
+) -> World:
+    """Make the world of a scenario.
+
+    ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
+    made to cover it with the machine's reach around, or, if its size is configured, has to.
+
+    Raises:
+        BadInputError: the terrain cannot be made, or the path leaves it.
+    """
+    model = machine.model()
+    points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
+    reach = machine.reach_m
+    wanted: Extent = (
+        float(points[:, 0].min()) - reach - _MARGIN_M,
+        float(points[:, 1].min()) - reach - _MARGIN_M,
+        float(points[:, 0].max()) + reach + _MARGIN_M,
+        float(points[:, 1].max()) + reach + _MARGIN_M,
+    )
+    ground = build_terrain(terrain, seed=seed, extent=wanted)
+    west, south, east, north = ground.extent
+    if (
+        wanted[0] + _MARGIN_M < west
+        or wanted[1] + _MARGIN_M < south
+        or (wanted[2] - _MARGIN_M > east or wanted[3] - _MARGIN_M > north)
+    ):
+        raise BadInputError(
+            f"driver.path leaves the terrain: with the machine around it, it needs east {wanted[0]:.0f} to"
+            f" {wanted[2]:.0f} m and north {wanted[1]:.0f} to {wanted[3]:.0f} m; the terrain is {west:.0f} to"
+            f" {east:.0f} m by {south:.0f} to {north:.0f} m"
+        )
+    return World(terrain=ground, soil=soil.soil(), machine=model, seed=seed, dt_ns=dt_ns)

@@ -1,0 +1,151 @@
+"""The layout of the window, stored in the file: field left with lanes below, plots right, log and page in tabs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from twin.signals import NS_PER_S
+from viz import entities
+from viz.sheet import Curve, Panel, PanelKind, Sheet
+
+_CELLS = 50
+_LEGEND_WIDTH = 0.33
+_LEGEND_ENTRY = 0.14
+"""Share of a plot's width that a legend takes, and of its height that one entry takes, in a window of 1600 x 900."""
+_SKY = (184, 205, 224)
+
+
+def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
+    """Arrange the panels that the layers have filled."""
+    by_kind = {kind: [panel for panel in sheet.panels if panel.kind is kind] for kind in PanelKind}
+    field = [_field_view(panel, sheet) for panel in by_kind[PanelKind.FIELD]]
+    pages = [rrb.TextDocumentView(origin=_root(panel), name=panel.title) for panel in by_kind[PanelKind.PAGE]]
+    lanes = [
+        rrb.StateTimelineView(origin=_root(p), name=p.title, time_view=_whole(duration_ns))
+        for p in by_kind[PanelKind.LANES]
+    ]
+    logs = [_log_view(panel) for panel in by_kind[PanelKind.LOG]]
+    plots = [_plot_view(panel, sheet, duration_ns) for panel in by_kind[PanelKind.PLOT]]
+    left = _column([_tabs([*field, *pages]), _tabs([*lanes, *logs])], shares=(3, 1))
+    parts = [part for part in (left, _grid(plots)) if part is not None]
+    return rrb.Blueprint(
+        rrb.Horizontal(*parts, column_shares=[1.0, 1.0][: len(parts)]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _root(panel: Panel) -> str:
+    return f"/{panel.origin}"
+
+
+def _whole(duration_ns: int) -> rrb.TimeAxis:
+    """Show the whole run, wherever the cursor is."""
+    boundary = rrb.TimeRangeBoundary.absolute
+    # a little more, for the label of the last tick
+    end = 1.04 * max(duration_ns, 1) / NS_PER_S
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=boundary(seconds=0.0), end=boundary(seconds=end)))
+
+
+def _field_view(panel: Panel, sheet: Sheet) -> rrb.Spatial3DView:
+    boundary = rrb.TimeRangeBoundary
+    past = rrb.VisibleTimeRanges(
+        timeline=entities.TIME, start=boundary.infinite(), end=boundary.cursor_relative(seconds=0.0)
+    )
+    eye = None
+    if sheet.eye is not None:
+        position, target = sheet.eye
+        follow = f"/{sheet.follow}" if sheet.follow else None
+        eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0), tracking_entity=follow)
+    return rrb.Spatial3DView(
+        origin=_root(panel),
+        name=panel.title,
+        background=_SKY,
+        line_grid=False,
+        eye_controls=eye,
+        # URDF primitives are see-through otherwise
+        defaults=[rr.Boxes3D.from_fields(fill_mode="solid"), rr.Cylinders3D.from_fields(fill_mode="solid")],
+        overrides={
+            **{f"/{entity}": past for entity in sheet.past},
+            **{f"/{entity}": rrb.EntityBehavior(visible=False) for entity in sheet.hidden},
+        },
+    )
+
+
+def _plot_view(panel: Panel, sheet: Sheet, duration_ns: int) -> rrb.TimeSeriesView:
+    curves = sheet.curves.get(panel.origin, [])
+    low, high = _range(curves)
+    return rrb.TimeSeriesView(
+        origin=_root(panel),
+        name=panel.title,
+        axis_x=_whole(duration_ns),
+        # The viewer's own choice of range leaves bands out and lets lines touch the frame.
+        axis_y=rrb.ScalarAxis(range=(low, high)) if curves else None,
+        plot_legend=rrb.PlotLegend(emptiest_corner(curves, duration_ns)),
+    )
+
+
+def _range(curves: Sequence[Curve]) -> tuple[float, float]:
+    """Range of a plot that holds its curves with a margin."""
+    low = min((float(curve.values.min()) for curve in curves), default=0.0)
+    high = max((float(curve.values.max()) for curve in curves), default=0.0)
+    margin = 0.06 * (high - low) or max(abs(high), 1e-3)
+    return low - margin, high + margin
+
+
+def emptiest_corner(curves: Sequence[Curve], duration_ns: int) -> rrb.Corner2D:
+    """Corner of a plot where a legend covers least of its curves."""
+    if not curves:
+        return rrb.Corner2D.LeftTop
+    low, high = _range(curves)
+    x = np.concatenate([curve.t_ns for curve in curves]) / max(duration_ns, 1)
+    y = (np.concatenate([curve.values for curve in curves]) - low) / (high - low)
+    # Area counts, not samples: a line that stands still covers little, however long.
+    covered = np.zeros((_CELLS, _CELLS), dtype=bool)
+    covered[np.clip(x * _CELLS, 0, _CELLS - 1).astype(int), np.clip(y * _CELLS, 0, _CELLS - 1).astype(int)] = True
+    width = round(_LEGEND_WIDTH * _CELLS)
+    height = round(min(1.0, _LEGEND_ENTRY * (len({curve.name for curve in curves}) + 0.5)) * _CELLS)
+    columns = {"Left": slice(0, width), "Right": slice(_CELLS - width, _CELLS)}
+    lines = {"Top": slice(_CELLS - height, _CELLS), "Bottom": slice(0, height)}
+    counts = {
+        f"{side}{end}": int(covered[across, along].sum())
+        for end, along in lines.items()
+        for side, across in columns.items()
+    }
+    return rrb.Corner2D[min(counts, key=lambda corner: counts[corner])]
+
+
+def _log_view(panel: Panel) -> rrb.TextLogView:
+    return rrb.TextLogView(
+        origin=_root(panel),
+        name=panel.title,
+        columns=rrb.TextLogColumns(timeline_columns=[entities.TIME], text_log_columns=["loglevel", "body"]),
+    )
+
+
+def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container | None:
+    if len(views) < 2:
+        return views[0] if views else None
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _column(parts: Sequence[rrb.View | rrb.Container | None], shares: Sequence[float]) -> rrb.Container | None:
+    kept = [(part, share) for part, share in zip(parts, shares, strict=True) if part is not None]
+    if not kept:
+        return None
+    return rrb.Vertical(*(part for part, _ in kept), row_shares=[share for _, share in kept])
+
+
+def _grid(plots: Sequence[rrb.View]) -> rrb.Container | None:
+    """Two plots side by side, as the layers gave them; an odd last one has a line to itself."""
+    if not plots:
+        return None
+    pairs = [plots[index : index + 2] for index in range(0, len(plots), 2)]
+    return rrb.Vertical(*(rrb.Horizontal(*pair) if len(pair) == 2 else pair[0] for pair in pairs))

@@ -1,0 +1,45 @@
+"""Builds the scene of a recording from its own scenario."""
+
+from __future__ import annotations
+
+from twin.control.driver import Driver
+from twin.recording import Recording
+from twin.scenario import loads
+from twin.world.terrain import build_terrain
+from viz.scene import Scene
+
+_MARGIN_M = 10.0
+
+
+def scene_of(recording: Recording) -> Scene:
+    """Machine, ground and planned path of a recording.
+
+    The ground is the recording's own if it is still in memory; a recording read from disk gets it made again from
+    scenario and seed.
+
+    Raises:
+        BadInputError: the recording's scenario cannot be read, or its terrain file is not there any more.
+    """
+    scenario = loads(recording.scenario_toml, where=f"{recording.scenario_name}/scenario.toml")
+    machine = scenario.machine
+    driver = Driver(
+        scenario.driver,
+        start_e_n_heading=machine.vehicle_start,
+        wheelbase_m=machine.wheelbase_m,
+        seed=recording.seed,
+    )
+    path = driver.path.polyline()
+    terrain = recording.terrain
+    if terrain is None:
+        west, south = path.min(axis=0) - _MARGIN_M - machine.reach_m
+        east, north = path.max(axis=0) + _MARGIN_M + machine.reach_m
+        terrain = build_terrain(scenario.terrain, seed=recording.seed, extent=(west, south, east, north))
+    return Scene(
+        urdf=machine.asset,
+        heights=terrain.heights,
+        origin_m=(terrain.west_m, terrain.south_m),
+        cell_m=terrain.cell_m,
+        planned_path=path,
+        row_count=len(machine.rows_y_m),
+        segment_labels=driver.segment_names,
+    )

@@ -1,0 +1,174 @@
+"""Every entity path, title and colour of a recording, in one place.
+
+``world/...`` is spatial (ENU, m), ``plots/<panel>/<series>`` are time series, ``state/...`` are lanes of states,
+``events`` is the log and ``page`` the text about the scenario and its verdict. There is one timeline, :data:`TIME`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from viz.legible import legible
+
+Colour = tuple[int, int, int]
+
+APPLICATION_ID = "agtwin"
+TIME = "time"
+"""The timeline: simulated time since the start of the run, integer ns."""
+
+# --- world -----------------------------------------------------------------------------------------------------------
+
+WORLD = "world"
+"""Root of everything spatial and name of the root frame (no leading slash: UrdfTree escapes one)."""
+TERRAIN = "world/terrain"
+GRID = "world/grid"
+PLANNED_PATH = "world/planned_path"
+FOCUS = "world/focus"
+"""An invisible point that moves with the machine and that the camera follows."""
+
+
+def machine(robot: str) -> str:
+    """Root of the machine's geometry; ``robot`` is the name in the URDF."""
+    return f"{WORLD}/{robot}"
+
+
+def collision_geometries(robot: str) -> str:
+    """Root of the machine's collision geometry, which is hidden."""
+    return f"{machine(robot)}/collision_geometries"
+
+
+def base_pose() -> str:
+    """Pose of the machine's root link."""
+    return f"{WORLD}/base_pose"
+
+
+def joint(name: str) -> str:
+    """Transform of one joint of the machine."""
+    return f"{WORLD}/joints/{name}"
+
+
+def true_trail(row: int) -> str:
+    """Where a row unit truly went."""
+    return f"{WORLD}/truth/row_{row}"
+
+
+def measured_points(sensor: str) -> str:
+    """Positions a sensor reported."""
+    return f"{WORLD}/measurements/{sensor}"
+
+
+def estimated_trail(estimator: str) -> str:
+    """Where an estimator thought the reference point went."""
+    return f"{WORLD}/estimates/{estimator}/trail"
+
+
+def estimated_row_trail(estimator: str, row: int) -> str:
+    """Where an estimator thought a row unit went."""
+    return f"{WORLD}/estimates/{estimator}/row_{row}"
+
+
+def estimated_pose(estimator: str) -> str:
+    """Arrow from the estimated position along the estimated heading."""
+    return f"{WORLD}/estimates/{estimator}/pose"
+
+
+def estimated_rows(estimator: str) -> str:
+    """Bar from the first to the last row unit, where an estimator thought they were."""
+    return f"{WORLD}/estimates/{estimator}/rows"
+
+
+def covariance_ellipse(estimator: str) -> str:
+    """95 % ellipse of the estimated position."""
+    return f"{WORLD}/estimates/{estimator}/ellipse_95"
+
+
+# --- plots -----------------------------------------------------------------------------------------------------------
+
+PLOTS = "plots"
+TRUTH_SERIES = "truth"
+
+
+def plot(panel: str, series: str | None = None) -> str:
+    """A plot panel, or one series in it."""
+    return f"{PLOTS}/{panel}" if series is None else f"{PLOTS}/{panel}/{series}"
+
+
+def band(entity: str) -> str:
+    """Series beside ``entity`` that holds its claimed standard deviation."""
+    return f"{entity}_sigma"
+
+
+# --- lanes and text --------------------------------------------------------------------------------------------------
+
+STATE = "state"
+EVENTS = "events"
+PAGE = "page"
+
+
+def lane(name: str) -> str:
+    """One lane of states."""
+    return f"{STATE}/{name}"
+
+
+def event_log(source: str) -> str:
+    """Log of one source of events."""
+    return f"{EVENTS}/" + re.sub(r"[^A-Za-z0-9_.-]", "_", source)
+
+
+# --- colours ---------------------------------------------------------------------------------------------------------
+
+TRUTH_COLOUR: Colour = (240, 240, 240)
+MEASURED_COLOUR: Colour = (125, 125, 125)
+PLANNED_COLOUR: Colour = (250, 225, 130)
+
+CALM_COLOUR: Colour = (52, 60, 66)
+TURN_COLOUR: Colour = (140, 85, 165)
+_STRAIGHT_COLOUR: Colour = (70, 120, 70)
+_OTHER_COLOUR: Colour = (110, 95, 80)
+
+# Okabe and Ito's palette, which people who cannot tell red from green can read, in the order that separates best on
+# both the dark plots and the soil.
+_ESTIMATORS: tuple[Colour, ...] = (
+    (86, 180, 233),
+    (240, 150, 20),
+    (220, 125, 185),
+    (0, 190, 140),
+    (240, 228, 66),
+    (225, 95, 30),
+)
+
+QUALITY_LABELS = {4: "RTK fixed", 5: "RTK float", 2: "DGPS", 1: "single", 0: "no fix"}
+"""NMEA GGA quality, field 6."""
+QUALITY_COLOURS: dict[int, Colour] = {
+    4: (60, 200, 90),
+    5: (245, 190, 50),
+    2: (240, 130, 40),
+    1: (225, 60, 60),
+    0: (140, 140, 140),
+}
+LEVEL_NAMES = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+
+
+def estimator_colours(estimators: Sequence[str]) -> dict[str, Colour]:
+    """Return one colour per estimator, the same wherever the estimator is drawn; repeats after six."""
+    return {name: _ESTIMATORS[index % len(_ESTIMATORS)] for index, name in enumerate(estimators)}
+
+
+def legend_name(series: str) -> str:
+    """Name of a series for people: ``radar_only`` reads ``radar only``."""
+    return legible(series.replace("_", " "))
+
+
+def dimmed(colour: Colour) -> Colour:
+    """A darker shade, for what accompanies a line."""
+    red, green, blue = colour
+    return red * 6 // 10, green * 6 // 10, blue * 6 // 10
+
+
+def segment_colour(label: str) -> Colour:
+    """Colour of a path segment by what its label says it is."""
+    words = label.lower()
+    if "turn" in words:
+        return TURN_COLOUR
+    return _STRAIGHT_COLOUR if "straight" in words else _OTHER_COLOUR

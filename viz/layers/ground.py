@@ -1,0 +1,54 @@
+"""The ground, a grid for scale, and the path that was asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from twin.signals import FloatArray
+from viz import entities
+from viz.sheet import PanelKind, Run, Sheet
+from viz.terrain import GRID_M, grid_lines, terrain_mesh, window_around
+
+_LIFT_M = 0.05
+
+
+def draw_ground(run: Run, sheet: Sheet) -> None:
+    """Draw the ground around the driven and the planned path, and the planned path on it."""
+    scene = run.scene
+    window = window_around(scene, _visited(run))
+    mesh = terrain_mesh(scene, window)
+    sheet.static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    sheet.static(
+        entities.TERRAIN,
+        rr.Mesh3D(
+            vertex_positions=mesh.vertices,
+            vertex_normals=mesh.normals,
+            vertex_texcoords=mesh.texture_coordinates,
+            triangle_indices=mesh.triangles,
+            albedo_texture=mesh.texture,
+        ),
+    )
+    lines = grid_lines(scene, window)
+    if lines:
+        sheet.static(entities.GRID, rr.LineStrips3D(lines, colors=[(70, 58, 42)], radii=rr.Radius.ui_points(0.5)))
+    if len(scene.planned_path) > 1:
+        path = scene.planned_path
+        height = scene.height_at(path[:, 0], path[:, 1]) + _LIFT_M
+        strip = np.column_stack([path, height])
+        sheet.static(
+            entities.PLANNED_PATH,
+            rr.LineStrips3D([strip], colors=[entities.PLANNED_COLOUR], radii=rr.Radius.ui_points(1.0)),
+        )
+    sheet.panel(PanelKind.FIELD, entities.WORLD, f"Field, grid of {GRID_M:g} m")
+
+
+def _visited(run: Run) -> FloatArray:
+    """Points (N, 2) that the ground has to hold: the planned path, and where the machine truly was."""
+    points = [np.asarray(run.scene.planned_path, dtype=np.float64).reshape(-1, 2)]
+    if run.truth is not None:
+        for pair in (("position_e_m", "position_n_m"), ("base_e_m", "base_n_m")):
+            driven = run.columns(run.truth, *pair)
+            if driven is not None:
+                points.append(driven[::10])
+    return np.concatenate(points)

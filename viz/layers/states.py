@@ -1,0 +1,88 @@
+"""Lanes of states: path segment, turning, standstill as each estimator sees it, GNSS quality. Never thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import rerun as rr
+
+from twin.signals import YAW_RATE, FloatArray, IntArray
+from viz import entities
+from viz.legible import legible
+from viz.sheet import PanelKind, Run, Sheet
+from viz.thinning import changes
+
+TURNING_RAD_S = 0.05
+"""A machine turns where its true yaw rate exceeds this, as in the metrics of turns and straights."""
+
+Styles = Mapping[float, tuple[str, entities.Colour]]
+"""Label and colour of each value."""
+
+_UNKNOWN: tuple[str, entities.Colour] = ("unknown", (90, 90, 90))
+
+
+def draw_states(run: Run, sheet: Sheet) -> None:
+    """Draw every lane that the streams hold."""
+    _draw_segments(run, sheet)
+    if run.truth is not None and run.truth.has(YAW_RATE):
+        turning = np.abs(run.column(run.truth, YAW_RATE)) > TURNING_RAD_S
+        styles = {0.0: ("straight", entities.CALM_COLOUR), 1.0: ("turning", entities.TURN_COLOUR)}
+        _draw_lane(sheet, "turning", run.truth.t_ns, turning.astype(float), styles)
+    for name in run.estimators:
+        stream = run.recording.estimates(name)
+        if stream.has("standstill"):
+            standing = (run.column(stream, "standstill") > 0.5).astype(float)
+            styles = {0.0: ("moving", entities.CALM_COLOUR), 1.0: ("standstill", run.colours[name])}
+            _draw_lane(sheet, f"standstill_{name}", stream.t_ns, standing, styles)
+    for sensor in run.recording.names("measurements"):
+        stream = run.recording.measurements(sensor)
+        if stream.has("quality"):
+            codes = entities.QUALITY_LABELS
+            styles = {float(code): (label, entities.QUALITY_COLOURS[code]) for code, label in codes.items()}
+            _draw_lane(sheet, f"{sensor}_quality", stream.t_ns, run.column(stream, "quality"), styles)
+    sheet.panel(PanelKind.LANES, entities.STATE, "States")
+
+
+def _draw_segments(run: Run, sheet: Sheet) -> None:
+    truth = run.truth
+    if truth is None or not truth.has("segment") or not len(truth):
+        return
+    segment = run.column(truth, "segment")
+    labels = segment_labels(run, truth.t_ns, segment)
+    styles = {value: (label, entities.segment_colour(label)) for value, label in labels.items()}
+    _draw_lane(sheet, "segment", truth.t_ns, segment, styles)
+
+
+def segment_labels(run: Run, t_ns: IntArray, segment: FloatArray) -> dict[float, str]:
+    """Name of every segment that occurs: the scene's, else the driver's event at its start, else its number."""
+    said = {event.t_ns: event.text for event in run.recording.events if event.source == "driver"}
+    times = np.array(sorted(said), dtype=np.int64)
+    labels: dict[float, str] = {}
+    for index in changes(segment).tolist():
+        value = float(segment[index])
+        if value in labels or np.isnan(value):
+            continue
+        if 0 <= value < len(run.scene.segment_labels):
+            labels[value] = legible(run.scene.segment_labels[int(value)])
+            continue
+        # The event came after the last row of the segment before, and not after this row.
+        before = int(t_ns[index - 1]) if index else int(t_ns[0]) - 1
+        heard = times[(times > before) & (times <= t_ns[index])]
+        labels[value] = legible(said[int(heard[-1])]) if len(heard) else f"segment {value:.0f}"
+    return labels
+
+
+def _draw_lane(sheet: Sheet, name: str, t_ns: IntArray, values: FloatArray, styles: Styles) -> None:
+    """Draw one lane: a row at the start and at every change."""
+    at = changes(values)
+    if not len(at):
+        return
+    shown = [styles.get(float(value), _UNKNOWN) for value in values[at]]
+    entity = entities.lane(name)
+    used = dict(shown)  # label to colour
+    sheet.static(
+        entity,
+        rr.StateConfiguration(values=list(used), labels=list(used), colors=list(used.values())),
+    )
+    sheet.rows(entity, t_ns[at], rr.StateChange.columns(state=[label for label, _ in shown]))

@@ -1,0 +1,56 @@
+"""What is drawn that no stream holds: ground, machine and planned path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.signals import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """The things around a recording that a picture needs; built by whoever knows the scenario."""
+
+    urdf: Path | None
+    """The machine; ``None`` draws none."""
+    heights: FloatArray
+    """(ny, nx) height of the ground, m; row 0 is the southern edge, column 0 the western."""
+    origin_m: tuple[float, float]
+    """East and north of ``heights[0, 0]``."""
+    cell_m: float
+    """Distance of neighbouring heights."""
+    planned_path: FloatArray
+    """(N, 2) east and north of the path the driver was asked to follow, m; may be empty."""
+    row_count: int = 0
+    """Number of row units; the first and the last are drawn and plotted. 0: the machine has none."""
+    segment_labels: tuple[str, ...] = ()
+    """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
+
+    def __post_init__(self) -> None:
+        if self.heights.ndim != 2 or min(self.heights.shape) < 2:
+            raise ValueError(f"heights: expected at least 2 x 2 values, got shape {self.heights.shape}")
+        if not self.cell_m > 0.0:
+            raise ValueError(f"cell_m: expected a positive number, got {self.cell_m}")
+
+    @property
+    def outer_rows(self) -> tuple[int, ...]:
+        """The row units that are drawn: leftmost and rightmost, counted from 1."""
+        return tuple(sorted({1, self.row_count})) if self.row_count > 0 else ()
+
+    def height_at(self, east_m: FloatArray, north_m: FloatArray) -> FloatArray:
+        """Bilinear height of the ground, m, at points of any shape; beyond the edge the edge's height. NaN stays."""
+        ny, nx = self.heights.shape
+        x = np.clip((np.asarray(east_m) - self.origin_m[0]) / self.cell_m, 0.0, nx - 1.0)
+        y = np.clip((np.asarray(north_m) - self.origin_m[1]) / self.cell_m, 0.0, ny - 1.0)
+        unknown = np.isnan(x) | np.isnan(y)
+        x, y = np.where(unknown, 0.0, x), np.where(unknown, 0.0, y)
+        column = np.minimum(x.astype(np.int64), nx - 2)
+        row = np.minimum(y.astype(np.int64), ny - 2)
+        fx, fy = x - column, y - row
+        low = self.heights[row, column] * (1.0 - fx) + self.heights[row, column + 1] * fx
+        high = self.heights[row + 1, column] * (1.0 - fx) + self.heights[row + 1, column + 1] * fx
+        height: FloatArray = np.where(unknown, np.nan, low * (1.0 - fy) + high * fy)
+        return height

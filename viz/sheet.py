@@ -1,0 +1,142 @@
+"""What layers draw on: columns for the recording, and panels for the layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any, Protocol
+
+import rerun as rr
+
+from twin.recording import Recording, Stream
+from twin.signals import FloatArray, IntArray
+from viz import entities
+from viz.scene import Scene
+
+
+class PanelKind(Enum):
+    """What a panel shows; the layout gives each kind its place."""
+
+    FIELD = auto()
+    PLOT = auto()
+    LANES = auto()
+    LOG = auto()
+    PAGE = auto()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """A part of the window that a layer has filled."""
+
+    kind: PanelKind
+    origin: str
+    """Entity path; the panel shows it and everything below."""
+    title: str
+    """With the unit in brackets."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """A line in a plot, or the edge of a band; of the same name is what shares an entry in the legend."""
+
+    name: str
+    t_ns: IntArray
+    """(T,), T > 0."""
+    values: FloatArray
+    """(T,) finite."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """What is to be drawn: one member of a recording, its score and its surroundings."""
+
+    recording: Recording
+    scene: Scene
+    result: dict[str, Any]
+    """In the shape of ``result.json``; parts that are missing are left out of the page."""
+    member: int = 0
+    """Place on the ensemble axis."""
+
+    @property
+    def duration_ns(self) -> int:
+        """Last time in any stream, ns."""
+        return max((int(stream.t_ns[-1]) for stream in self.recording.streams.values() if len(stream)), default=0)
+
+    @property
+    def truth(self) -> Stream | None:
+        """The truth, or ``None`` where there is none (a real log)."""
+        return self.recording.streams.get("truth")
+
+    @property
+    def estimators(self) -> list[str]:
+        """Names of the estimators."""
+        return self.recording.names("estimates")
+
+    @property
+    def colours(self) -> dict[str, entities.Colour]:
+        """Colour of each estimator; by name, so that a recording has the same in memory and read from disk."""
+        return entities.estimator_colours(sorted(self.estimators))
+
+    def column(self, stream: Stream, name: str) -> FloatArray:
+        """One column of this member, (T,); the truth is shared by all members."""
+        values = stream.column(name)
+        return values[:, min(self.member, values.shape[1] - 1)]
+
+    def columns(self, stream: Stream, *names: str) -> FloatArray | None:
+        """Several columns side by side, (T, len(names)), or ``None`` unless the stream has them all and has rows."""
+        if not len(stream) or not all(stream.has(name) for name in names):
+            return None
+        values = stream.select(names)
+        return values[:, min(self.member, values.shape[1] - 1)]
+
+
+class Layer(Protocol):
+    """Draws one subject; draws nothing where the streams or columns it needs are absent."""
+
+    def __call__(self, run: Run, sheet: Sheet) -> None:
+        """Draw ``run`` on ``sheet``."""
+
+
+class Sheet:
+    """Sends columns to a recording stream and remembers what the layout has to know."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+        self.entities: set[str] = set()
+        """Every entity drawn through this sheet, without leading slash."""
+        self.panels: list[Panel] = []
+        self.past: list[str] = []
+        """Spatial entities of which everything up to the cursor is shown, not only the latest."""
+        self.hidden: list[str] = []
+        self.curves: dict[str, list[Curve]] = {}
+        """What each plot holds, for its range and for a legend that covers little."""
+        self.follow: str | None = None
+        """Entity that the camera follows."""
+        self.eye: tuple[FloatArray, FloatArray] | None = None
+        """Where the camera stands at the start, and what it looks at."""
+
+    def static(self, entity: str, archetype: rr.AsComponents) -> None:
+        """Draw something that never changes."""
+        self.entities.add(entity)
+        self.stream.log(entity, archetype, static=True, strict=True)
+
+    def rows(self, entity: str, t_ns: IntArray, columns: Iterable[rr.ComponentColumn]) -> None:
+        """Draw rows in time: one row of every column at each of ``t_ns`` (T,), exact to the nanosecond."""
+        if not len(t_ns):
+            return
+        self.entities.add(entity)
+        # Not floats: the SDK truncates float seconds here and rounds them elsewhere, so that rows would not join.
+        time = rr.TimeColumn(entities.TIME, duration=t_ns.astype("timedelta64[ns]"))
+        self.stream.send_columns(entity, [time], columns, strict=True)
+
+    def curve(self, entity: str, name: str, t_ns: IntArray, values: FloatArray) -> None:
+        """Remember what a series looks like; its plot is the entity above."""
+        if len(t_ns):
+            self.curves.setdefault(entity.rpartition("/")[0], []).append(Curve(name=name, t_ns=t_ns, values=values))
+
+    def panel(self, kind: PanelKind, origin: str, title: str) -> None:
+        """Ask for a panel, once something was drawn at or below ``origin``; asking again changes nothing."""
+        drawn = any(entity == origin or entity.startswith(origin + "/") for entity in self.entities)
+        if drawn and all(panel.origin != origin for panel in self.panels):
+            self.panels.append(Panel(kind=kind, origin=origin, title=title))
