@@ -43,7 +43,7 @@ class EstimatorBank:
     the order in which they were sampled.
     """
 
-    def __init__(self, listeners: Mapping[str, Listener], sensors: Sequence[str]) -> None:
+    def __init__(self, listeners: Mapping[str, Listener], sensors: Sequence[str], *, runs: int) -> None:
         self._listeners = dict(listeners)
         self._order = {name: index for index, name in enumerate(sensors)}
         self._count = 0
@@ -51,7 +51,7 @@ class EstimatorBank:
         self._due = {name: listener.period_ns for name, listener in self._listeners.items()}
         self._next_due = min(self._due.values(), default=None)
         self._writers = {
-            name: StreamWriter(_stream_columns(listener.estimator)) for name, listener in self._listeners.items()
+            name: StreamWriter(_stream_columns(listener.estimator), runs) for name, listener in self._listeners.items()
         }
         self._upper = {
             name: np.triu_indices(len(listener.estimator.state_columns)) for name, listener in self._listeners.items()
@@ -71,7 +71,7 @@ class EstimatorBank:
             for name, due in self._due.items():
                 if due == now:
                     listener = self._listeners[name]
-                    self._writers[name].append(now, self._row(name, listener.estimator.estimate(now)))
+                    self._writers[name].append(now, *self._parts(name, listener.estimator.estimate(now)))
                     self._due[name] = now + listener.period_ns
             self._next_due = min(self._due.values())
 
@@ -83,16 +83,24 @@ class EstimatorBank:
                     if measurement.sensor in listener.sensors:
                         listener.estimator.process(measurement)
 
-    def _row(self, name: str, estimate: Estimate) -> FloatArray:
-        parts = [estimate.values, estimate.sigmas]
-        if estimate.covariance is not None:
-            rows, columns = self._upper[name]
-            parts.append(estimate.covariance[:, rows, columns])
-        return np.concatenate(parts, axis=1)
+    def _parts(self, name: str, estimate: Estimate) -> tuple[FloatArray, ...]:
+        if estimate.covariance is None:
+            return estimate.values, estimate.sigmas
+        rows, columns = self._upper[name]
+        return estimate.values, estimate.sigmas, estimate.covariance[:, rows, columns]
 
-    def streams(self, runs: int) -> dict[str, Stream]:
+    @property
+    def columns(self) -> dict[str, tuple[str, ...]]:
+        """Columns of each estimator's stream."""
+        return {name: writer.columns for name, writer in self._writers.items()}
+
+    def drain(self) -> dict[str, Stream]:
+        """What each estimator said since the last time, by its name; it is not kept any longer."""
+        return {name: writer.drain() for name, writer in self._writers.items()}
+
+    def streams(self) -> dict[str, Stream]:
         """What the estimators said, by stream name."""
-        return {estimate_stream(name): writer.finish(runs) for name, writer in self._writers.items()}
+        return {estimate_stream(name): writer.finish() for name, writer in self._writers.items()}
 
 
 def _stream_columns(estimator: Estimator) -> tuple[str, ...]:
@@ -149,7 +157,7 @@ def build_bank(
         listeners[name] = Listener(
             estimator=estimators[name], sensors=frozenset(sensors), period_ns=period_ns(_PLUGIN_RATE_HZ)
         )
-    return EstimatorBank(listeners, list(sensors)), estimators
+    return EstimatorBank(listeners, list(sensors), runs=runs), estimators
 
 
 def in_order_sampled(streams: Mapping[str, Stream]) -> Iterable[Measurement]:

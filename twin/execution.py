@@ -65,8 +65,8 @@ def execute(
     started = time.perf_counter()
     members = open_members(loaded, runs=runs, plugins=plugins)
     with open_world(loaded) as world:
-        columns = {name: estimator.columns for name, estimator in members.estimators.items()}
-        require_known(scenario, metric_names(scenario, world.truth_columns, columns), where=str(loaded.path))
+        names = metric_names(scenario, world.truth_columns, members.estimate_columns)
+        require_known(scenario, names, where=str(loaded.path))
         journey = Journey(scenario, world, members, full_rate=full_rate)
         reason = journey.go(progress)
         wall_s = time.perf_counter() - started
@@ -102,7 +102,11 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def open_members(
-    loaded: LoadedScenario, *, runs: Sequence[int], plugins: Mapping[str, EstimatorFactory] | None = None
+    loaded: LoadedScenario,
+    *,
+    runs: Sequence[int],
+    plugins: Mapping[str, EstimatorFactory] | None = None,
+    keep_measurements: bool = True,
 ) -> Members:
     """Build sensors and estimators of a scenario for some runs.
 
@@ -110,7 +114,7 @@ def open_members(
         BadInputError: one of them cannot be built; the message names the file.
     """
     with _naming(loaded.path):
-        return Members(loaded.scenario, runs=runs, plugins=plugins)
+        return Members(loaded.scenario, runs=runs, plugins=plugins, keep_measurements=keep_measurements)
 
 
 def open_world(loaded: LoadedScenario) -> World:
@@ -161,7 +165,7 @@ class Journey:
         self._ticks = nanoseconds(scenario.duration_s) // world.dt_ns
         self._truth_every = 1 if full_rate else _period_ticks(scenario.recording.truth_hz, world.dt_ns)
         self._control_every = _period_ticks(CONTROL_HZ, world.dt_ns)
-        self._truth = StreamWriter((*world.truth_columns, "segment"))
+        self._truth = StreamWriter((*world.truth_columns, "segment"), 1)
         self._last_segment = -1
         for name, need in observer.needs.items():
             world.watch(name, need)
@@ -176,7 +180,7 @@ class Journey:
             for name in observer.due(tick):
                 observer.observe(name, world.capture(name))
             if tick == next_truth:
-                self._truth.append(t_ns, np.append(world.truth(), self._driver.segment)[np.newaxis, :])
+                self._truth.append(t_ns, world.truth()[np.newaxis, :], np.array([[float(self._driver.segment)]]))
                 next_truth += self._truth_every
             observer.advance(t_ns)
             if tick == next_control:
@@ -212,7 +216,7 @@ class Journey:
 
     def truth_stream(self) -> Stream:
         """What really happened until now (R = 1)."""
-        return self._truth.finish(1)
+        return self._truth.finish()
 
 
 def _period_ticks(rate_hz: float, dt_ns: int) -> int:

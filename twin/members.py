@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from twin.errors import BadInputError
 from twin.estimation import EstimatorFactory, build_bank
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
-from twin.sensors import Sensor, build_sensor
+from twin.sensors import Sample, Sensor, build_sensor
 from twin.signals import Capture, Event, Need
 
 
@@ -30,8 +30,30 @@ def build_sensors(scenario: Scenario, *, runs: Sequence[int]) -> dict[str, Senso
     return sensors
 
 
-class Members:
+class SensorRack:
+    """The sensors of some runs, and when each of them samples."""
+
+    def __init__(self, scenario: Scenario, *, runs: Sequence[int]) -> None:
+        self.sensors = build_sensors(scenario, runs=runs)
+
+    @property
+    def needs(self) -> Mapping[str, Need]:
+        """What each sensor asks the world for."""
+        return {name: sensor.need for name, sensor in self.sensors.items()}
+
+    def due(self, tick: int) -> Sequence[str]:
+        """Sensors that sample at this tick, in the order of the scenario."""
+        return [name for name, sensor in self.sensors.items() if sensor.next_tick == tick]
+
+    def next_tick(self) -> int:
+        """Tick of the next sample of any sensor; a tick that never comes where there are none."""
+        return min((sensor.next_tick for sensor in self.sensors.values()), default=2**62)
+
+
+class Members(SensorRack):
     """Sensors and estimators of R runs, shown one truth sample by sample.
+
+    With ``keep_measurements`` false only estimates are collected.
 
     Raises:
         BadInputError: a sensor or estimator of the scenario cannot be built.
@@ -43,31 +65,32 @@ class Members:
         *,
         runs: Sequence[int],
         plugins: Mapping[str, EstimatorFactory] | None = None,
+        keep_measurements: bool = True,
     ) -> None:
-        self._runs = len(runs)
-        self._sensors = build_sensors(scenario, runs=runs)
-        infos = {name: sensor.info for name, sensor in self._sensors.items()}
+        super().__init__(scenario, runs=runs)
+        infos = {name: sensor.info for name, sensor in self.sensors.items()}
         self._bank, self.estimators = build_bank(scenario, infos, runs=len(runs), plugins=plugins)
-        self._measured = {name: StreamWriter(sensor.columns) for name, sensor in self._sensors.items()}
-        self._hidden = {name: StreamWriter(sensor.hidden_columns) for name, sensor in self._sensors.items()}
-        self.events: list[Event] = [event for sensor in self._sensors.values() for event in sensor.fault_events()]
+        kept = self.sensors if keep_measurements else {}
+        self._measured = {name: StreamWriter(sensor.columns, len(runs)) for name, sensor in kept.items()}
+        self._hidden = {name: StreamWriter(sensor.hidden_columns, len(runs)) for name, sensor in kept.items()}
+        self.events: list[Event] = []
+        """Faults that began or ended."""
 
     @property
-    def needs(self) -> Mapping[str, Need]:
-        """What each sensor asks the world for."""
-        return {name: sensor.need for name, sensor in self._sensors.items()}
-
-    def due(self, tick: int) -> Sequence[str]:
-        """Sensors that sample at this tick, in the order of the scenario."""
-        return [name for name, sensor in self._sensors.items() if sensor.next_tick == tick]
-
-    def next_tick(self) -> int:
-        """Tick of the next sample of any sensor; a tick that never comes where there are none."""
-        return min((sensor.next_tick for sensor in self._sensors.values()), default=2**62)
+    def estimate_columns(self) -> dict[str, tuple[str, ...]]:
+        """Columns of each estimator's stream."""
+        return self._bank.columns
 
     def observe(self, sensor: str, capture: Capture) -> None:
         """Let a sensor sample, and put what it gives on its way to the estimators."""
-        sample = self._sensors[sensor].sample(capture)
+        sample = self.sensors[sensor].sample(capture)
+        self.events += sample.events
+        for measurement in sample.measurements:
+            self._bank.deliver(measurement)
+        if sensor in self._hidden:
+            self._keep(sensor, capture, sample)
+
+    def _keep(self, sensor: str, capture: Capture, sample: Sample) -> None:
         self._hidden[sensor].append(capture.t_ns, sample.hidden)
         for measurement in sample.measurements:
             self._measured[sensor].append(
@@ -76,16 +99,52 @@ class Members:
                 t_available_ns=measurement.t_available_ns,
                 valid=measurement.valid,
             )
-            self._bank.deliver(measurement)
 
     def advance(self, t_ns: int) -> None:
         """All samples up to and including ``t_ns`` have been taken: let the estimators speak."""
         self._bank.advance(t_ns)
 
+    def drain_estimates(self) -> dict[str, Stream]:
+        """What each estimator said since the last time, by its name; it is valid until they speak again."""
+        return self._bank.drain()
+
     def streams(self) -> dict[str, Stream]:
         """All that was measured, hidden and estimated, by stream name."""
         return {
-            **{measurement_stream(name): writer.finish(self._runs) for name, writer in self._measured.items()},
-            **{hidden_stream(name): writer.finish(self._runs) for name, writer in self._hidden.items()},
-            **self._bank.streams(self._runs),
+            **{measurement_stream(name): writer.finish() for name, writer in self._measured.items()},
+            **{hidden_stream(name): writer.finish() for name, writer in self._hidden.items()},
+            **self._bank.streams(),
         }
+
+
+class Tape(SensorRack):
+    """What the world shows the sensors of one scenario: recorded once, played to as many members as wanted.
+
+    Possible wherever the world does not depend on the estimates (no closed loop).
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario, runs=(0,))
+        self._shown: list[tuple[str, Capture]] = []
+        self._end_ns = 0
+
+    def observe(self, sensor: str, capture: Capture) -> None:
+        """Keep what the world shows a sensor."""
+        self._shown.append((sensor, capture))
+        self.sensors[sensor].skip()
+
+    def advance(self, t_ns: int) -> None:
+        """Note how far the world has come."""
+        self._end_ns = t_ns
+
+    def play(self, members: Members, *, pause_ns: int) -> Iterator[int]:
+        """Show everything to ``members``; pause now and then and say how far they have come (ns)."""
+        pause_at = pause_ns
+        for sensor, capture in self._shown:
+            while capture.t_ns > pause_at:
+                members.advance(pause_at)
+                yield pause_at
+                pause_at += pause_ns
+            members.observe(sensor, capture)
+        members.advance(self._end_ns)
+        yield self._end_ns

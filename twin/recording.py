@@ -20,6 +20,7 @@ from twin.signals import NS_PER_S, BoolArray, Event, FloatArray, IntArray
 from twin.world.terrain import Terrain
 
 TRUTH = "truth"
+_FIRST_ROWS = 64
 
 
 def measurement_stream(sensor: str) -> str:
@@ -119,35 +120,54 @@ class Stream:
 
 
 class StreamWriter:
-    """Collects the rows of one stream during a run."""
+    """Collects the rows of one stream of R runs, in one array that grows by doubling."""
 
-    def __init__(self, columns: tuple[str, ...]) -> None:
+    def __init__(self, columns: tuple[str, ...], runs: int) -> None:
         self.columns = columns
+        self._values: FloatArray = np.empty((_FIRST_ROWS, runs, len(columns)))
+        self._valid: BoolArray = np.ones((_FIRST_ROWS, runs), dtype=np.bool_)
         self._t_ns: list[int] = []
-        self._values: list[FloatArray] = []
         self._t_available_ns: list[int] = []
-        self._valid: list[BoolArray] = []
 
     def append(
-        self, t_ns: int, values: FloatArray, *, t_available_ns: int | None = None, valid: BoolArray | None = None
+        self, t_ns: int, *parts: FloatArray, t_available_ns: int | None = None, valid: BoolArray | None = None
     ) -> None:
-        """Add a row; ``values`` (R, n) and ``valid`` (R,) are kept, not copied: they must not change afterwards."""
+        """Add a row: arrays of shape (R, k) that stand side by side in ``columns``, and ``valid`` (R,); all copied."""
+        row = len(self._t_ns)
+        if row == len(self._values):
+            self._values = np.concatenate([self._values, np.empty_like(self._values)])
+            self._valid = np.concatenate([self._valid, np.ones_like(self._valid)])
+        first = 0
+        for part in parts:
+            last = first + part.shape[1]
+            self._values[row, :, first:last] = part
+            first = last
         self._t_ns.append(t_ns)
-        self._values.append(values)
         if t_available_ns is not None and valid is not None:
             self._t_available_ns.append(t_available_ns)
-            self._valid.append(valid)
+            self._valid[row] = valid
 
-    def finish(self, runs: int) -> Stream:
+    def finish(self) -> Stream:
         """Return what was collected as a :class:`Stream`."""
-        empty = not self._t_ns
+        rows = len(self._t_ns)
+        measured = bool(self._t_available_ns)
         return Stream(
             columns=self.columns,
             t_ns=np.array(self._t_ns, dtype=np.int64),
-            values=np.empty((0, runs, len(self.columns))) if empty else np.stack(self._values),
-            t_available_ns=np.array(self._t_available_ns, dtype=np.int64) if self._valid else None,
-            valid=np.stack(self._valid) if self._valid else None,
+            values=self._values[:rows].copy(),
+            t_available_ns=np.array(self._t_available_ns, dtype=np.int64) if measured else None,
+            valid=self._valid[:rows].copy() if measured else None,
         )
+
+    def drain(self) -> Stream:
+        """Return what was collected, and start again in the same memory.
+
+        The stream's values are valid until the next :meth:`append`.
+        """
+        rows = len(self._t_ns)
+        stream = Stream(columns=self.columns, t_ns=np.array(self._t_ns, dtype=np.int64), values=self._values[:rows])
+        self._t_ns, self._t_available_ns = [], []
+        return stream
 
 
 @dataclass(kw_only=True)

@@ -38,7 +38,7 @@ def replay(recording: Recording, *, scenario_toml: str | None = None) -> Recordi
     return dataclasses.replace(
         recording,
         scenario_toml=toml,
-        streams={**kept, **bank.streams(len(recording.runs))},
+        streams={**kept, **bank.streams()},
         timing={
             "simulated_s": recording.ended_t_s,
             "wall_s": wall_s,

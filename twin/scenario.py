@@ -1,6 +1,7 @@
 """A scenario file: what to run, as data. Found, merged, checked, and resolved so that it stands alone.
 
-A file is read in this order: the file named by ``extends`` (in the same folder), the file itself on top of it, the
+A file is read in this order: the file named by ``extends`` (in the same folder; a name that begins with ``_`` is a
+file that is no scenario of its own), the file itself on top of it, the
 caller's ``--set`` values, and then each sensor's preset below what the file says of that sensor.
 """
 
@@ -195,6 +196,11 @@ class LoadedScenario:
     """The resolved scenario as TOML: reading it gives the same scenario again."""
 
     @property
+    def bundled(self) -> bool:
+        """Whether it comes with the package, so that its name is enough to find it."""
+        return bundled().get(self.name) == self.path
+
+    @property
     def sha256(self) -> str:
         """Fingerprint of the resolved scenario."""
         return hashlib.sha256(self.toml.encode()).hexdigest()
@@ -212,7 +218,12 @@ def unknown(given: str, allowed: Sequence[str] | Mapping[str, Any], what: str) -
 
 def bundled() -> dict[str, Path]:
     """Scenarios that come with the package, by name."""
-    return {path.stem: path for path in sorted(paths.SCENARIOS.rglob("*.toml"))}
+    return {path.stem: path for path in _scenarios_below(paths.SCENARIOS)}
+
+
+def _scenarios_below(folder: Path) -> list[Path]:
+    """Scenario files of a folder; a name that begins with ``_`` is only there to be extended."""
+    return [path for path in sorted(folder.rglob("*.toml")) if not path.stem.startswith("_")]
 
 
 def find(what: str) -> list[Path]:
@@ -223,7 +234,7 @@ def find(what: str) -> list[Path]:
     """
     path = Path(what)
     if path.is_dir():
-        files = sorted(path.rglob("*.toml"))
+        files = _scenarios_below(path)
         if not files:
             raise BadInputError(f"{path}: no scenario (*.toml) in this folder")
         return files

@@ -9,7 +9,16 @@ import pytest
 
 from tests.sensors.motions import Log, circle, drive, preset, sensor
 
-PRESETS = ["imu_row_unit", "imu_mpu6050", "imu_mti300", "radar_99ppm", "rtk_f9p", "single_point"]
+PRESETS = ["imu_row_unit", "imu_mpu6050", "imu_mti300", "radar_99ppm", "rtk_f9p_dual", "rtk_survey", "single_point"]
+RECEIVER_FAULTS = [
+    {"kind": "corrections_old", "growth": 0.5, "from_s": 0.5, "to_s": 2.0},
+    {"kind": "corrections_lost", "from_s": 2.0, "to_s": 3.0},
+    {"kind": "satellites_masked", "satellites": 3, "inside": {"east_m": [4.0, 6.5]}},
+    {"kind": "satellites_masked", "satellites": 6, "near": {"line": [[8.0, 0.0], [8.0, 20.0]], "within_m": 1.0}},
+    {"kind": "flapping_quality", "qualities": [1, 0], "changes_hz": 0.8, "from_s": 4.5, "to_s": 6.0},
+    {"kind": "zero_covariance", "from_s": 5.0, "to_s": 6.0},
+]
+"""All but a wrong fix, which takes a receiver that can fix."""
 FIRST = {"imu": "gyro_z_rad_s", "radar": "speed_m_s", "gnss": "course_rad"}
 
 
@@ -17,6 +26,14 @@ def faulty(name: str) -> dict[str, Any]:
     """A preset with jitter and every kind of fault."""
     values = preset(name)
     columns = [FIRST[values["kind"]]]
+    inner: list[dict[str, Any]] = []
+    if values["kind"] == "gnss":
+        inner = list(RECEIVER_FAULTS)
+        if "fix" in values["states"]:
+            inner.append({"kind": "wrong_fix", "from_s": 6.5, "to_s": 7.0})
+            values["states"]["fix"] |= {"until_age_s": 1.6, "acquire_s": 0.4}
+            values["states"]["float"] |= {"until_age_s": 2.5, "acquire_s": 0.2}
+            values |= {"corrections_loss_probability": 0.3}
     return values | {
         "latency_s": 0.05,
         "latency_jitter_s": 0.05,
@@ -33,6 +50,7 @@ def faulty(name: str) -> dict[str, Any]:
             {"kind": "latency_step", "latency_s": 0.2, "from_s": 3.5},
             {"kind": "clock_offset", "offset_s": 0.1, "from_s": 4.0},
             {"kind": "outage", "from_s": 5.0, "to_s": 5.5},
+            *inner,
         ],
     }
 
@@ -58,6 +76,15 @@ def test_member_is_the_ordinary_run_bit_for_bit(name: str, config: Any) -> None:
         assert by_arrival(alone, 0) == by_arrival(together, run)
         for single, many in zip(alone.samples, together.samples, strict=True):
             assert single.hidden[0].tobytes() == many.hidden[run].tobytes()
+
+
+def test_members_of_a_faulty_ensemble_are_in_different_fix_states() -> None:
+    # Otherwise the test above shows little: sets of corrections are lost, and states acquired, in each run by itself.
+    log = drive(sensor(faulty("rtk_f9p_dual"), runs=range(40)), circle(2.0, 10.0), 8.0)
+    quality = np.stack([m.column("quality") for m in log.measurements])
+    different = [len(set(row[np.isfinite(row)])) > 1 for row in quality]
+    assert np.mean(different) > 0.3
+    assert {0.0, 1.0, 2.0, 4.0, 5.0} <= set(quality[np.isfinite(quality)])
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -159,13 +159,14 @@ def test_a_fault_changes_nothing_outside_its_window_to_the_last_bit() -> None:
     assert not np.array_equal(plain.values("speed_m_s"), faulty.values("speed_m_s"))
 
 
-def test_fault_events_tell_begin_and_end() -> None:
+def test_events_tell_begin_and_end_at_the_sample_where_they_happen() -> None:
     faults = [{"kind": "outage", **WINDOW}, {"kind": "jump", "columns": ["position_e_m"], "size": 1.0, "from_s": 3.0}]
-    events = sensor(PERFECT | {"faults": faults}, name="gnss").fault_events()
-    assert [(event.t_ns, event.source, event.text) for event in events] == [
-        (2_000_000_000, "sensors.gnss", "fault outage begins"),
-        (3_000_000_000, "sensors.gnss", "fault jump begins"),
-        (4_000_000_000, "sensors.gnss", "fault outage ends"),
+    log = drive(sensor(PERFECT | {"faults": faults}, name="gnss"), constant(SPEED), 6.0)
+    events = [event for sample in log.samples for event in sample.events]
+    assert [(event.t_ns, event.source, event.level, event.text) for event in events] == [
+        (2_000_000_000, "sensors.gnss", "warning", "fault outage begins"),
+        (3_000_000_000, "sensors.gnss", "warning", "fault jump begins"),
+        (4_000_000_000, "sensors.gnss", "warning", "fault outage ends"),
     ]
 
 

@@ -85,7 +85,8 @@ def test_reports_are_those_of_the_state_whatever_the_true_error() -> None:
 
 def test_age_of_corrections_is_a_saw_tooth_and_nothing_without_corrections() -> None:
     log = drive(sensor(PERFECT | {"corrections_interval_s": 1.0, "corrections_delay_s": 0.5}), STANDING, 2.0)
-    expected = 0.5 + np.arange(1, 21) % 10 / 10
+    # A set is made at every full second and is there half a second later: 1.4 s old at most, 0.5 s at least.
+    expected = 0.5 + (np.arange(1, 21) + 5) % 10 / 10
     np.testing.assert_allclose(log.values("age_s")[:, 0], expected, atol=1e-12)
     assert np.isnan(drive(sensor(preset("single_point")), STANDING, 1.0).values("age_s")).all()
 

@@ -10,6 +10,7 @@ import pytest
 from twin.sensors.noise import (
     GaussMarkov,
     LowPass,
+    OccasionalNormals,
     Quantiser,
     RandomWalk,
     Streams,
@@ -129,3 +130,20 @@ def test_sensitivity_puts_scale_misalignment_and_tilt_where_they_belong() -> Non
         scale=np.zeros((1, 3)), misalignment=nothing, tilt_rpy_rad=np.array([[0.0, 0.1, 0.0]])
     )
     np.testing.assert_allclose(tilted[0] @ [0, 0, 9.8], [-9.8 * math.sin(0.1), 0, 9.8 * math.cos(0.1)])
+
+
+def test_occasional_normals_of_a_run_do_not_depend_on_how_many_others_use() -> None:
+    def numbers(runs: tuple[int, ...], speeds: tuple[int, ...]) -> list[float]:
+        """What run 7, the last, sees if in every step each run uses so many."""
+        pool = OccasionalNormals(streams=Streams(seed=1, runs=runs, name="x"), process="p", least=2)
+        seen: list[float] = []
+        for _ in range(50):
+            seen += pool.values[-1, pool.used[-1] : pool.used[-1] + speeds[-1]].tolist()
+            pool.used += np.array(speeds)
+            pool.top_up(int(pool.used.max()))
+        return seen
+
+    alone = numbers((7,), (1,))
+    assert len(set(alone)) == 50
+    assert numbers((3, 7), (2, 1)) == alone
+    assert numbers((3, 7), (0, 1)) == alone

@@ -45,7 +45,8 @@ def _run() -> int:
     except typer.Abort:
         raise KeyboardInterrupt from None
     except typer.TyperException as error:
-        print(f"error: {error}", file=sys.stderr)
+        told = error.format_message() if isinstance(error, typer.BadParameter) else str(error)
+        print(f"error: {told}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except TwinError as error:
         print(f"error: {error}", file=sys.stderr)

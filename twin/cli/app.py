@@ -59,6 +59,42 @@ def run(  # noqa: PLR0917  (typer makes options of them)
 
 
 @app.command()
+def stress(  # noqa: PLR0917  (typer makes options of them)
+    scenario: Annotated[str, typer.Argument(help="Scenario name or file.")],
+    runs: Annotated[int, typer.Option(min=1, help="Noise realisations in each world.")] = 100,
+    worlds: Annotated[int, typer.Option(min=1, help="Worlds: the seed and its successors.")] = 1,
+    vary: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=...", help="KEY=LO:HI, KEY=LO:HI:N or KEY=A,B,C; may be repeated.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="First world seed; default: the scenario's.")] = None,
+    settings: Settings = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, for several worlds or points.")] = 1,
+    out: Out = Path("runs"),
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted stress test stopped.")] = False,
+    singles: Annotated[
+        int, typer.Option(min=0, help="Also run this many members alone: same numbers? how much slower?")
+    ] = 0,
+    as_json: Json = False,
+) -> int:
+    """Run a scenario many times: distributions, envelopes, plots and a verdict."""
+    from twin.cli.stressing import StressOptions, run_stress  # noqa: PLC0415
+
+    options = StressOptions(
+        runs=runs,
+        worlds=worlds,
+        vary=tuple(vary or ()),
+        seed=seed,
+        settings=tuple(settings or ()),
+        workers=workers,
+        out=out,
+        resume=resume,
+        singles=singles,
+        as_json=as_json,
+    )
+    return run_stress(scenario, options)
+
+
+@app.command()
 def replay(
     folder: Annotated[Path, typer.Argument(help="A run folder.")],
     settings: Settings = None,

@@ -20,7 +20,7 @@ from twin.scoring import Verdict
 if TYPE_CHECKING:
     from twin.cli.running import Crash
 
-_COLOURS = {"pass": "bold green", "fail": "bold red", "error": "bold magenta"}
+COLOURS = {"pass": "bold green", "fail": "bold red", "error": "bold magenta"}
 _HEADLINES = (
     "row_speed.mean_abs_error_m_s",
     "row_speed.mean_abs_error_turns_m_s",
@@ -68,9 +68,9 @@ class Reporter:
             self._console.print(f"after {loaded.scenario.source}")
         self._console.print(metrics_table(verdict))
         for outcome in verdict.checks:
-            self._console.print(Text.assemble(_tick(outcome.ok), " ", outcome.sentence()))
+            self._console.print(Text.assemble(tick(outcome.ok), " ", outcome.sentence()))
         for line in verdict.drifted:
-            self._console.print(Text.assemble(_tick(False), " baseline: ", line))
+            self._console.print(Text.assemble(tick(False), " baseline: ", line))
         if loaded.scenario.notes:
             self._console.print(Text(loaded.scenario.notes.strip(), style="dim"))
         self._console.print(self._last_line(verdict))
@@ -82,7 +82,7 @@ class Reporter:
     @staticmethod
     def _last_line(verdict: Verdict) -> Text:
         timing = verdict.timing
-        line = Text.assemble("verdict: ", (verdict.verdict, _COLOURS[verdict.verdict]))
+        line = Text.assemble("verdict: ", (verdict.verdict, COLOURS[verdict.verdict]))
         if verdict.ended_reason != "duration":
             line.append(f" ({verdict.ended_reason} at {verdict.ended_t_s:.2f} s)")
         if "wall_s" in timing:
@@ -102,7 +102,7 @@ class Reporter:
                 table.add_row(entry.scenario, Text("crashed", style="bold magenta"), "", "", "", "")
                 continue
             held = f"{sum(outcome.ok for outcome in entry.checks)} of {len(entry.checks)}"
-            first: list[str | Text] = [entry.scenario_name, Text(entry.verdict, style=_COLOURS[entry.verdict]), held]
+            first: list[str | Text] = [entry.scenario_name, Text(entry.verdict, style=COLOURS[entry.verdict]), held]
             rows = [
                 (metric, entry.metrics.get(metric, math.nan), paper)
                 for metric, paper in entry.scenario.published.items()
@@ -110,12 +110,16 @@ class Reporter:
             if not rows:
                 table.add_row(*first, "", "", "")
             for index, (metric, ours, paper) in enumerate(rows):
-                table.add_row(*(first if index == 0 else ["", "", ""]), metric, _figure(ours), _figure(paper))
+                table.add_row(*(first if index == 0 else ["", "", ""]), metric, figure(ours), figure(paper))
         self._console.print(table)
 
     def line(self, text: str | Text) -> None:
         """Print one line."""
         self._console.print(text)
+
+    def table(self, table: Table) -> None:
+        """Print a table."""
+        self._console.print(table)
 
 
 def metrics_table(verdict: Verdict) -> Table:
@@ -135,18 +139,22 @@ def metrics_table(verdict: Verdict) -> Table:
         table.add_row(
             estimator if estimator != last else "",
             metric,
-            _figure(value),
-            _figure(published.get(name)),
+            figure(value),
+            figure(published.get(name)),
         )
         last = estimator
     return table
 
 
-def _figure(value: float | None) -> str:
+def figure(value: float | None) -> str:
+    """Three digits; ``never`` for an infinite time, a dash for what is not a number."""
     if value is None:
         return ""
+    if math.isinf(value):
+        return "never"
     return f"{value:.3g}" if math.isfinite(value) else "-"
 
 
-def _tick(ok: bool) -> tuple[str, str]:
+def tick(ok: bool) -> tuple[str, str]:
+    """Text and colour of a check's outcome."""
     return ("ok  ", "green") if ok else ("FAIL", "bold red")

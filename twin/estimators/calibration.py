@@ -43,10 +43,22 @@ def add_up(per_unit: FloatArray) -> FloatArray:
     return total
 
 
+def mean_of_units(per_unit: FloatArray, present: BoolArray | None) -> tuple[FloatArray, FloatArray | float]:
+    """Mean (R,) of (k, R) over the units that are ``present`` (k, R), 0 without any, and their number, (R,) or plain.
+
+    ``present`` None says that all are, in every member: the same bits, sooner.
+    """
+    if present is None:
+        return add_up(per_unit) / len(per_unit), float(len(per_unit))
+    count = add_up(present.astype(np.float64))
+    return add_up(np.where(present, per_unit, 0.0)) / np.maximum(count, 1.0), count
+
+
 class StandstillCalibration:
     """Gathers the sums; memory does not grow with time."""
 
     def __init__(self, *, units: int, runs: int) -> None:
+        self._all_units = list(range(units))
         self._count = np.zeros((units, runs))
         self._sum = np.zeros((units, runs, AXES))
         self._norm_sum = np.zeros((units, runs))
@@ -55,21 +67,32 @@ class StandstillCalibration:
         self._full_sum = np.zeros(runs)
         self._full_square_sum = np.zeros(runs)
 
-    def add(self, units: list[int], readings: FloatArray, present: BoolArray) -> None:
-        """Take one tick: ``readings`` (k, R, 6) of the ``units`` that answered, ``present`` (k, R) where usable."""
+    def add(self, units: list[int], readings: FloatArray, present: BoolArray | None) -> None:
+        """Take one tick: ``readings`` (k, R, 6) of the ``units`` that answered, ``present`` (k, R) where usable.
+
+        ``present`` None says that all are usable, in every member.
+        """
         # Norms are counted from standard gravity, so that the sums of squares keep their digits.
-        norms = np.where(present, specific_force_norm(readings) - STANDARD_GRAVITY_M_S2, 0.0)
-        usable = np.where(present[..., np.newaxis], readings, 0.0)
-        for place, unit in enumerate(units):
-            self._count[unit] += present[place]
-            self._sum[unit] += usable[place]
-            self._norm_sum[unit] += norms[place]
-        if sorted(units) == list(range(len(self._count))):
-            full = present.all(axis=0)
-            mean = add_up(norms) / len(units)
+        norms = specific_force_norm(readings) - STANDARD_GRAVITY_M_S2
+        usable = np.ones(norms.shape, dtype=np.bool_) if present is None else present
+        if present is not None:
+            norms = np.where(present, norms, 0.0)
+            readings = np.where(present[..., np.newaxis], readings, 0.0)
+        if units == self._all_units:
+            self._count += usable
+            self._sum += readings
+            self._norm_sum += norms
+        else:  # a unit may have answered twice
+            for place, unit in enumerate(units):
+                self._count[unit] += usable[place]
+                self._sum[unit] += readings[place]
+                self._norm_sum[unit] += norms[place]
+        if sorted(units) == self._all_units:
+            full = np.logical_and.reduce(usable, axis=0)
+            mean = np.where(full, add_up(norms) / len(units), 0.0)
             self._full_count += full
-            self._full_sum += np.where(full, mean, 0.0)
-            self._full_square_sum += np.where(full, mean * mean, 0.0)
+            self._full_sum += mean
+            self._full_square_sum += mean * mean
 
     def finish(self, *, accelerometer_variance: float) -> Calibration:
         """Return the means.

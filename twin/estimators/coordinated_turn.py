@@ -72,38 +72,30 @@ class CoordinatedTurn:
         self._Q = np.diag(np.asarray(process_variances, dtype=np.float64))
         self._step_s = step_s
 
-    def f(self, x: FloatArray, u: FloatArray, dt_s: float) -> FloatArray:
-        """State after ``dt_s`` under the acceleration ``u`` (R,) in m/s^2, shape (R, 5)."""
-        half_turn = (0.5 * dt_s) * x[:, OMEGA]
-        chord = dt_s * x[:, S] * sinc_and_derivative(half_turn)[0]
-        direction = x[:, PHI] + half_turn
-        moved = x.copy(order="K")
-        moved[:, E] += chord * np.cos(direction)
-        moved[:, N] += chord * np.sin(direction)
-        moved[:, S] += dt_s * u
-        moved[:, PHI] += dt_s * x[:, OMEGA]
-        return moved
-
-    def F(self, x: FloatArray, u: FloatArray, dt_s: float) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian of :meth:`f`, shape (R, 5, 5)."""
-        half_turn = (0.5 * dt_s) * x[:, OMEGA]
+    def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """State after ``dt_s`` under the acceleration ``u`` (R,) in m/s^2, shape (R, 5), and its Jacobian (R, 5, 5)."""
+        speed, omega = x[:, S], x[:, OMEGA]
+        half_turn = (0.5 * dt_s) * omega
         direction = x[:, PHI] + half_turn
         cosine, sine = np.cos(direction), np.sin(direction)
         sinc, derivative = sinc_and_derivative(half_turn)
         per_speed = dt_s * sinc
-        chord = x[:, S] * per_speed
-        stretch = (0.5 * dt_s * dt_s) * x[:, S] * derivative  # d chord / d omega
-        swing = (0.5 * dt_s) * chord  # chord times d direction / d omega
+        east_per_speed, north_per_speed = per_speed * cosine, per_speed * sine
+        east, north = speed * east_per_speed, speed * north_per_speed
+        stretch = (0.5 * dt_s * dt_s) * speed * derivative  # of the chord, with omega
         jacobian = np.zeros((STATES, STATES, len(x)))  # members fastest, as the engines keep them
         jacobian[_DIAGONAL, _DIAGONAL] = 1.0
-        jacobian[E, S] = per_speed * cosine
-        jacobian[N, S] = per_speed * sine
-        jacobian[E, PHI] = -chord * sine
-        jacobian[N, PHI] = chord * cosine
-        jacobian[E, OMEGA] = stretch * cosine - swing * sine
-        jacobian[N, OMEGA] = stretch * sine + swing * cosine
+        jacobian[E, S], jacobian[N, S] = east_per_speed, north_per_speed
+        jacobian[E, PHI], jacobian[N, PHI] = -north, east
+        jacobian[E, OMEGA] = stretch * cosine - (0.5 * dt_s) * north
+        jacobian[N, OMEGA] = stretch * sine + (0.5 * dt_s) * east
         jacobian[PHI, OMEGA] = dt_s
-        return jacobian.transpose(2, 0, 1)
+        moved = x.copy(order="K")
+        moved[:, E] += east
+        moved[:, N] += north
+        moved[:, S] += dt_s * u
+        moved[:, PHI] += dt_s * omega
+        return moved, jacobian.transpose(2, 0, 1)
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
         """Process noise of ``dt_s``, shape (5, 5)."""
@@ -117,7 +109,7 @@ class YawRate:
     """A gyroscope's up axis: z = omega (eq 2.25)."""
 
     def __init__(self, variance: float) -> None:
-        self.R: FloatArray = np.array([[variance]])
+        self.R: FloatArray = np.array([variance])
         self._H: FloatArray = np.zeros((1, STATES))
         self._H[0, OMEGA] = 1.0
 
@@ -137,7 +129,7 @@ class ForwardSpeed:
     """
 
     def __init__(self, variance: float, *, left_m: float = 0.0) -> None:
-        self.R: FloatArray = np.array([[variance]])
+        self.R: FloatArray = np.array([variance])
         self._left_m = left_m
         self._H: FloatArray = np.zeros((1, STATES))
         self._H[0, S] = 1.0
@@ -156,7 +148,7 @@ class AntennaPosition:
     """A position sensor ``forward_m`` before and ``left_m`` to the left of the origin (eqs 2.27, 2.28, corrected)."""
 
     def __init__(self, variance: float, *, forward_m: float = 0.0, left_m: float = 0.0) -> None:
-        self.R: FloatArray = np.eye(2) * variance
+        self.R: FloatArray = np.array([variance, variance])
         self._forward_m = forward_m
         self._left_m = left_m
 

@@ -7,8 +7,9 @@ the engine. Two engines exist and agree to rounding: filterpy objects for one ru
 
 Letters, as in the textbooks (Gustafsson, *Statistical Sensor Fusion*; paper 000 eqs 2.1 to 2.6): x state (R, n),
 P its covariance (R, n, n), f and F motion and its Jacobian, Q process noise, h and H observation and its Jacobian,
-z measurement (R, m), R noise covariance of the measurement (m, m), y innovation, S its covariance, K gain. R is also
-the length of the ensemble axis; which is meant is clear from the context.
+z measurement (R, m), R noise variances of its m components, y innovation, S its covariance, K gain. The components of
+one measurement err independently: R is a diagonal, kept as (m,) or, where members differ, (R, m). R is also the length
+of the ensemble axis; which is meant is clear from the context.
 """
 
 from __future__ import annotations
@@ -26,11 +27,8 @@ EngineName = Literal["filterpy", "ensemble"]
 class Motion(Protocol):
     """How the state moves on. Every function broadcasts over the ensemble axis."""
 
-    def f(self, x: FloatArray, u: FloatArray, dt_s: float) -> FloatArray:
-        """State after ``dt_s`` under the input ``u`` (R,), shape (R, n)."""
-
-    def F(self, x: FloatArray, u: FloatArray, dt_s: float) -> FloatArray:  # noqa: N802
-        """Jacobian of :meth:`f` with respect to the state, shape (R, n, n)."""
+    def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """f, the state after ``dt_s`` under the input ``u`` (R,), shape (R, n), and F, its Jacobian, (R, n, n)."""
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
         """Process noise gathered in ``dt_s``, shape (n, n)."""
@@ -41,7 +39,7 @@ class Observation(Protocol):
 
     @property
     def R(self) -> FloatArray:  # noqa: N802
-        """Noise covariance, shape (m, m)."""
+        """Noise variances, shape (m,)."""
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected measurement, shape (R, m)."""
@@ -62,7 +60,7 @@ class Innovation:
     @property
     def nis(self) -> FloatArray:
         """Normalised innovation squared y^T S^-1 y, shape (R,): chi-square with m degrees of freedom if consistent."""
-        nis: FloatArray = np.einsum("rm,rmk,rk->r", self.y, _inverse(self.S), self.y)
+        nis: FloatArray = np.einsum("rm,rmk,rk->r", self.y, np.linalg.inv(self.S), self.y)
         return nis
 
 
@@ -80,21 +78,26 @@ class Engine(Protocol):
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move every member on by ``dt_s`` (eqs 2.2 and 2.6)."""
 
-    def update(self, observation: Observation, z: FloatArray, mask: BoolArray) -> None:
+    def update(
+        self, observation: Observation, z: FloatArray, mask: BoolArray, R: FloatArray | None = None
+    ) -> FloatArray:
         """Update the members where ``mask`` (R,) is True with ``z`` (R, m); the others keep x and P bit for bit.
 
-        ``z`` may hold anything, NaN included, where ``mask`` is False.
+        ``z`` may hold anything, NaN included, where ``mask`` is False. ``R``, (m,) or (R, m) and finite everywhere,
+        takes the place of the observation's own. Returns the normalised innovation squared (R,), NaN where masked.
         """
 
 
-def innovation(engine: Engine, observation: Observation, z: FloatArray) -> Innovation:
-    """Innovation of ``z`` (R, m) before an update: what gates and consistency tests look at.
+def innovation(engine: Engine, observation: Observation, z: FloatArray, R: FloatArray | None = None) -> Innovation:
+    """Innovation of ``z`` (R, m) before an update: what gates look at.
 
     It stands above the engines, so that a gate compares the same NumPy expression whichever engine runs.
     """
     x = engine.x
     H = observation.H(x)
-    S = np.einsum("...mi,...ij,...kj->...mk", H, engine.P, H) + observation.R
+    variances = observation.R if R is None else R
+    noise = variances[..., np.newaxis] * np.eye(H.shape[-2])
+    S = np.einsum("...mi,...ij,...kj->...mk", H, engine.P, H) + noise
     return Innovation(z - observation.h(x), S)
 
 
@@ -114,9 +117,11 @@ def make_engine(name: EngineName, x: FloatArray, P: FloatArray) -> Engine:
 class EnsembleEngine:
     """The extended Kalman filter in NumPy for any number of runs, with the covariance in Joseph's form.
 
-    P+ = (I - K H) P (I - K H)^T + K R K^T is evaluated as M = P - K (P H^T)^T, then P+ = M - (M H^T) K^T + K R K^T:
-    the same products without ever forming I - K H. A member that is masked out gets the gain zero, with which both
-    lines return x and P unchanged.
+    The components of a measurement, whose errors are independent, are taken one after the other about the same
+    linearisation: algebraically the joint update, and its normalised innovation squared is the sum of theirs. For one
+    component with the row H of the Jacobian, P+ = (I - K H) P (I - K H)^T + K R K^T is evaluated as
+    M = P - K (P H^T)^T, then P+ = M + (K R - M H^T) K^T: the same products without ever forming I - K H. A member that
+    is masked out gets the gain zero, with which both lines return x and P unchanged.
 
     The arrays have the shapes (R, n) and (R, n, n), but members lie next to each other in memory (the ensemble axis
     has the smallest stride): ufuncs and einsum then run along the members, three times faster at R = 500.
@@ -138,29 +143,35 @@ class EnsembleEngine:
 
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move every member on by ``dt_s``."""
-        F = motion.F(self._x, u, dt_s)
-        self._x = motion.f(self._x, u, dt_s)
+        self._x, F = motion.linearise(self._x, u, dt_s)
         self._P = np.einsum("rik,rjk->rij", np.einsum("rij,rjk->rik", F, self._P), F) + motion.Q(dt_s)
 
-    def update(self, observation: Observation, z: FloatArray, mask: BoolArray) -> None:
+    def update(
+        self, observation: Observation, z: FloatArray, mask: BoolArray, R: FloatArray | None = None
+    ) -> FloatArray:
         """Update the members where ``mask`` is True."""
-        x, P = self._x, self._P
-        H = observation.H(x)
-        PHt = np.einsum("...ij,...mj->...im", P, H)
-        S = np.einsum("...mi,...ik->...mk", H, PHt) + observation.R
-        K = np.where(mask[:, np.newaxis, np.newaxis], np.einsum("rim,rmk->rik", PHt, _inverse(S)), 0.0)
-        y = np.where(mask[:, np.newaxis], z - observation.h(x), 0.0)
-        self._x = x + np.einsum("rim,rm->ri", K, y)
-        M = P - np.einsum("rim,rjm->rij", K, PHt)
-        correction = np.einsum("rim,mk->rik", K, observation.R) - np.einsum("...ij,...mj->...im", M, H)
-        self._P = M + np.einsum("rim,rjm->rij", correction, K)
+        before = self._x
+        variances, H = observation.R if R is None else R, observation.H(before)
+        y = np.where(mask[:, np.newaxis], z - observation.h(before), 0.0)
+        nis = np.where(mask, 0.0, np.nan)
+        for part in range(H.shape[-2]):
+            left = y[:, part]
+            if part:  # what the parts before have not explained
+                left = left - np.einsum("...i,...i->...", H[..., part, :], self._x - before)
+            nis = nis + self._update_scalar(H[..., part, :], left, mask, variances[..., part])
+        return nis
 
-
-def _inverse(S: FloatArray) -> FloatArray:
-    """Inverses of (..., m, m): scalar measurements, nearly all there are, need no factorisation."""
-    if S.shape[-1] == 1:
-        return 1.0 / S
-    return np.asarray(np.linalg.inv(S), dtype=np.float64)
+    def _update_scalar(self, H: FloatArray, y: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
+        """One component: H (n,) or (R, n), innovation (R,), variance () or (R,); returns y^2 / S, shape (R,)."""
+        P = self._P
+        PHt = np.einsum("...ij,...j->...i", P, H)
+        inverse = np.where(mask, 1.0 / (np.einsum("...i,...i->...", H, PHt) + R), 0.0)
+        K = PHt * inverse[:, np.newaxis]
+        self._x = self._x + K * y[:, np.newaxis]
+        M = P - K[:, :, np.newaxis] * PHt[:, np.newaxis, :]
+        correction = K * R[..., np.newaxis] - np.einsum("...ij,...j->...i", M, H)
+        self._P = M + correction[:, :, np.newaxis] * K[:, np.newaxis, :]
+        return y * y * inverse
 
 
 def _members_fastest(array: FloatArray) -> FloatArray:

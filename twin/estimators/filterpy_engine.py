@@ -8,6 +8,8 @@ from filterpy.kalman import KalmanFilter
 from twin.estimators.engines import Motion, Observation
 from twin.signals import BoolArray, FloatArray
 
+_NO_NIS: FloatArray = np.array([np.nan])
+
 
 class FilterpyEngine:
     """An extended Kalman filter of one run (R = 1) on :class:`filterpy.kalman.KalmanFilter`.
@@ -43,21 +45,28 @@ class FilterpyEngine:
 
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move on by ``dt_s``."""
-        x = self.x
-        moved = motion.f(x, u, dt_s)[0]
-        self._filter.predict(F=motion.F(x, u, dt_s)[0], Q=motion.Q(dt_s))
-        self._filter.x = moved
+        moved, F = motion.linearise(self.x, u, dt_s)
+        self._filter.predict(F=F[0], Q=motion.Q(dt_s))
+        self._filter.x = moved[0]
 
-    def update(self, observation: Observation, z: FloatArray, mask: BoolArray) -> None:
+    def update(
+        self, observation: Observation, z: FloatArray, mask: BoolArray, R: FloatArray | None = None
+    ) -> FloatArray:
         """Update with ``z`` (1, m) if ``mask`` (1,) is True."""
         if not mask[0]:
-            return
+            return _NO_NIS
         x = self.x
         H = observation.H(x)
         if H.ndim == 3:
             H = H[0]
         linearised = z[0] - observation.h(x)[0] + np.dot(H, x[0])
-        scalar = len(H) == 1
-        self._filter.inv = np.reciprocal if scalar else np.linalg.inv
-        # filterpy keeps a deep copy of the measurement: of a plain number that costs nothing.
-        self._filter.update(linearised.item() if scalar else linearised, R=observation.R, H=H)
+        variances = observation.R if R is None else R.reshape(-1)
+        inner = self._filter
+        if len(H) == 1:
+            # filterpy keeps a deep copy of the measurement: of a plain number that costs nothing.
+            inner.inv = np.reciprocal
+            inner.update(linearised.item(), R=variances[:, np.newaxis], H=H)
+            return np.asarray(inner.y * inner.y * inner.SI[0], dtype=np.float64)
+        inner.inv = np.linalg.inv
+        inner.update(linearised, R=np.diag(variances), H=H)
+        return np.atleast_1d(np.asarray(inner.y @ inner.SI @ inner.y, dtype=np.float64))

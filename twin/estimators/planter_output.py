@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from twin.signals import (
     BoolArray,
     Estimate,
     FloatArray,
+    IntArray,
     row_position,
     row_speed,
 )
@@ -26,82 +26,102 @@ STATE_COLUMNS = (POSITION[0], POSITION[1], SPEED, HEADING, YAW_RATE)
 STANDSTILL = "standstill"
 """Diagnostic: 1 where the machine (distributed: the unit nearest the reference) is taken to stand, else 0."""
 
+_MOVED = 3
+"""Transport along the bar changes the first three states: east and north through phi, the speed through omega."""
+_PAIRS = (
+    np.array([[E, N, S], [E, N, S], [PHI, PHI, OMEGA]]),
+    np.array([[E, N, S], [PHI, PHI, OMEGA], [PHI, PHI, OMEGA]]),
+)
+"""Places in P of their variances, of the covariances with those states, and of those states' variances."""
+
+
+def nis_column(innovation: str) -> str:
+    """Diagnostic: normalised innovation squared of the last update of this name, NaN if none since the last row."""
+    return f"nis_{innovation}"
+
 
 class PlanterOutput:
-    """Columns ``STATE_COLUMNS``, all row speeds, all row places (east, north by row), ``standstill``.
+    """Columns ``STATE_COLUMNS``, all row speeds, all row places (east, north by row), ``standstill``, the NIS columns.
 
     Every point is served by the filter whose origin is nearest to it, the first of equals; sigmas follow from that
-    filter's covariance by rigid-body transport.
+    filter's covariance by rigid-body transport. The NIS is that of the filter nearest the reference.
     """
 
-    def __init__(self, *, rows_y_m: Sequence[float], origins_left_m: Sequence[float]) -> None:
+    def __init__(
+        self, *, rows_y_m: Sequence[float], origins_left_m: Sequence[float], innovations: Sequence[str]
+    ) -> None:
         origins = np.asarray(origins_left_m, dtype=np.float64)
-        numbers = range(1, len(rows_y_m) + 1)
+        rows_left = np.asarray(rows_y_m, dtype=np.float64)
+        count = len(rows_left)
         self.columns: tuple[str, ...] = (
             *STATE_COLUMNS,
-            *(row_speed(number) for number in numbers),
-            *(name for number in numbers for name in row_position(number)),
+            *(row_speed(number) for number in range(1, count + 1)),
+            *(name for number in range(1, count + 1) for name in row_position(number)),
             STANDSTILL,
+            *(nis_column(name) for name in innovations),
         )
+        self._standstill = STATES + 3 * count
         self._reference = int(np.argmin(np.abs(origins)))
         self._reference_left_m = float(-origins[self._reference])
-        nearest = [int(np.argmin(np.abs(origins - y))) for y in rows_y_m]
-        self._served: list[_Rows] = []
-        for server, rows in groupby(range(len(rows_y_m)), key=nearest.__getitem__):
-            block = list(rows)
-            first_place = STATES + len(rows_y_m) + 2 * block[0]
-            self._served.append(
-                _Rows(
-                    server=server,
-                    left_m=np.asarray(rows_y_m, dtype=np.float64)[block] - origins[server],
-                    speed=slice(STATES + block[0], STATES + block[-1] + 1),
-                    east=slice(first_place, first_place + 2 * len(block), 2),
-                    north=slice(first_place + 1, first_place + 2 * len(block), 2),
-                )
+        nearest = np.array([np.argmin(np.abs(origins - y)) for y in rows_left], dtype=np.int64)
+        east = STATES + count + 2 * np.arange(count)
+        columns = np.stack([east, east + 1, STATES + np.arange(count)])
+        self._served = [
+            _Rows(
+                server=server,
+                left_m=(rows_left - origins[server])[nearest == server, np.newaxis],
+                columns=columns[:, nearest == server],
             )
+            for server in range(len(origins))
+        ]
 
     def estimate(
-        self, t_ns: int, states: Sequence[tuple[FloatArray, FloatArray]], standing: Sequence[BoolArray]
+        self,
+        t_ns: int,
+        states: Sequence[tuple[FloatArray, FloatArray]],
+        *,
+        standing: Sequence[BoolArray],
+        nis: Sequence[FloatArray],
     ) -> Estimate:
-        """Report the filters' states (R, 5) and covariances (R, 5, 5), one pair per origin."""
+        """Report the filters' states (R, 5) and covariances (R, 5, 5), one pair per origin, ``nis`` (k, R) of each."""
         x, P = transport(*states[self._reference], self._reference_left_m)
-        values = np.empty((len(x), len(self.columns)))
+        # Column by column: members lie next to each other, as in the filters.
+        values = np.empty((len(self.columns), len(x)))
         variances = np.empty_like(values)
-        values[:, :STATES] = x
-        values[:, PHI] = wrap_angle(x[:, PHI])
-        variances[:, :STATES] = np.einsum("rii->ri", P)
+        values[:STATES] = x.T
+        values[PHI] = wrap_angle(x[:, PHI])
+        variances[:STATES] = np.einsum("rii->ir", P)
         for rows in self._served:
             _fill_rows(values, variances, rows, *states[rows.server])
-        values[:, -1] = standing[self._reference]
-        variances[:, -1] = np.nan
+        values[self._standstill] = standing[self._reference]
+        values[self._standstill + 1 :] = nis[self._reference]
+        variances[self._standstill :] = np.nan
         # Rounding may leave a perfectly known speed at -1e-40.
-        return Estimate(t_ns=t_ns, values=values, sigmas=np.sqrt(np.maximum(variances, 0.0)), covariance=P)
+        return Estimate(t_ns=t_ns, values=values.T, sigmas=np.sqrt(np.maximum(variances, 0.0)).T, covariance=P)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rows:
-    """Neighbouring rows that one filter serves, and their columns."""
+    """Rows that one filter serves, and their columns."""
 
     server: int
     left_m: FloatArray
-    speed: slice
-    east: slice
-    north: slice
+    """(rows, 1) from the filter's origin."""
+    columns: IntArray
+    """(3, rows): east, north, speed."""
 
 
 def _fill_rows(values: FloatArray, variances: FloatArray, rows: _Rows, x: FloatArray, P: FloatArray) -> None:
-    """Eqs 2.10 to 2.12 for the rows to the left of the origin, and their variances."""
-    left = rows.left_m
-    state, covariance = x[:, :, np.newaxis], P[:, :, :, np.newaxis]
-    forward_e, forward_n = left * np.cos(state[:, PHI]), left * np.sin(state[:, PHI])
-    values[:, rows.speed] = state[:, S] - left * state[:, OMEGA]
-    values[:, rows.east] = state[:, E] - forward_n
-    values[:, rows.north] = state[:, N] + forward_e
-    for columns, of, by, lever in (
-        (rows.speed, S, OMEGA, left),
-        (rows.east, E, PHI, forward_e),
-        (rows.north, N, PHI, forward_n),
-    ):
-        variances[:, columns] = covariance[:, of, of] + lever * (
-            lever * covariance[:, by, by] - 2.0 * covariance[:, of, by]
-        )
+    """Eqs 2.10 to 2.12 for the rows to the left of the origin, and their variances, in columns (n, R).
+
+    East, north and speed of a row are those of the origin plus the way to the left times an arm, and depend through
+    that on phi, phi and omega.
+    """
+    sine, cosine = np.sin(x[:, PHI]), np.cos(x[:, PHI])
+    arm, slope = np.empty((3, 1, len(x))), np.empty((3, 1, len(x)))
+    arm[0], arm[1], arm[2] = -sine, cosine, -x[:, OMEGA]
+    slope[0], slope[1], slope[2] = -cosine, -sine, -1.0
+    values[rows.columns] = x.T[:_MOVED, np.newaxis] + rows.left_m * arm
+    slope = rows.left_m * slope
+    own, cross, by = P.transpose(1, 2, 0)[_PAIRS][:, :, np.newaxis]
+    variances[rows.columns] = own + slope * (2.0 * cross + slope * by)

@@ -11,26 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.estimators.calibration import AXES, StandstillCalibration, add_up, specific_force_norm
+from twin.estimators.aiding import Aid
+from twin.estimators.calibration import AXES, StandstillCalibration, mean_of_units, specific_force_norm
 from twin.estimators.coordinated_turn import OMEGA, CoordinatedTurn, ForwardSpeed, S, YawRate
-from twin.estimators.engines import Engine, Observation
-from twin.estimators.roles import InertialUnit, usable
+from twin.estimators.engines import Engine
+from twin.estimators.roles import InertialUnit
 from twin.estimators.standstill import StandstillConfig, StandstillDetector
 from twin.estimators.ticks import Tick
-from twin.signals import NS_PER_S, BoolArray, FloatArray, Measurement
+from twin.signals import NS_PER_S, BoolArray, FloatArray
+
+GYRO = "gyro"
+"""What the innovations of the gyroscopes are called."""
 
 _ACCEL_X, _GYRO_Z = 0, 5
 _SPEED_MEMORY_S = 1.0
 """How long the standstill guard remembers a speed sensor's reading."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Aid:
-    """One thing an aiding sensor tells the filter: these of its columns, seen so."""
-
-    places: list[int]
-    observation: Observation
-    is_speed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +36,18 @@ class _Inertial:
     """(k,) places of the units."""
     readings: FloatArray
     """(k, R, 6)."""
-    present: BoolArray
-    """(k, R) where the whole sample can be used."""
+    present: BoolArray | None
+    """(k, R) where the whole sample can be used; None where all can, in every member."""
     fresh: list[bool]
     """(k,) whether it belongs to this very tick."""
 
 
 class RigidBodyFilter:
-    """Prediction by the units' mean acceleration, one update per gyroscope and per aid, standstill (R runs)."""
+    """Prediction by the units' mean acceleration, updates by gyroscopes and aids, standstill (R runs).
+
+    The gyroscopes of one tick all see omega, with one variance and independent errors: their updates, one after
+    the other, come to one update by their mean with the variance of a mean, and that is what is done.
+    """
 
     def __init__(
         self,
@@ -71,6 +70,12 @@ class RigidBodyFilter:
         self._forward = np.array([[unit.forward_m] for unit in units])
         self._aids = aids
         self._yaw_rate = YawRate(gyro_variance)
+        self._gyro_variance = gyro_variance
+        self._everyone = np.ones(runs, dtype=np.bool_)
+        self.innovations = (GYRO, *(aid.name for each in aids.values() for aid in each))
+        """What is updated with, in the order of :meth:`take_nis`."""
+        self._nis_places = {name: place for place, name in enumerate(self.innovations)}
+        self._nis = np.full((len(self.innovations), runs), np.nan)
         self._accelerometer_variance = accelerometer_variance
         self._standstill = standstill
         self._step_s = step_ns / NS_PER_S
@@ -104,14 +109,24 @@ class RigidBodyFilter:
         if tick.steps:
             self.engine.predict(self.motion, self._acceleration(inertial), tick.steps * self._step_s)
         if inertial is not None:
-            rates = inertial.readings[..., _GYRO_Z:] - self._of(self._bias, inertial.places)[..., _GYRO_Z:]
-            for rate, present in zip(rates, inertial.present, strict=True):
-                self.engine.update(self._yaw_rate, rate, present)
+            self._update_yaw_rate(inertial)
         for measurement, _ in tick.samples:
             for aid in self._aids.get(measurement.sensor, ()):
-                self._update(measurement, aid)
+                reading = aid.read(measurement)
+                nis = self.engine.update(aid.observation, reading.values, reading.mask, reading.variances)
+                self._note(aid.name, nis, reading.mask)
+                if aid.is_speed and self._standstill.guard_by_sensors:
+                    self._remember_speed(aid.name, measurement.t_available_ns, reading.values[:, 0], reading.mask)
         if tick.steps and self._detector is not None:
             self._see_if_standing(tick, self._detector, inertial)
+
+    def take_nis(self) -> FloatArray:
+        """Normalised innovation squared of the last update of each kind since the last call, (k, R); NaN for none."""
+        nis, self._nis = self._nis, np.full(self._nis.shape, np.nan)
+        return nis
+
+    def _note(self, name: str, nis: FloatArray, mask: BoolArray) -> None:
+        np.copyto(self._nis[self._nis_places[name]], nis, where=mask)
 
     def _inertial(self, tick: Tick) -> _Inertial | None:
         """What the units say in this tick, or None where none answered."""
@@ -128,9 +143,11 @@ class RigidBodyFilter:
                 fresh.append(is_fresh)
         if not places:
             return None
-        stacked = np.array(readings)
-        present = np.logical_and.reduce(np.isfinite(stacked), axis=-1) & np.array(valid)
-        return _Inertial(places, stacked, present, fresh)
+        stacked, present = np.array(readings), np.array(valid)
+        finite = np.isfinite(stacked)
+        if not finite.all():
+            present &= np.logical_and.reduce(finite, axis=-1)
+        return _Inertial(places, stacked, None if present.all() else present, fresh)
 
     def _of(self, per_unit: FloatArray, places: list[int]) -> FloatArray:
         """Rows of ``per_unit`` (u, ...) that belong to ``places``: in the ordinary case all of them, in order."""
@@ -149,16 +166,17 @@ class RigidBodyFilter:
         forward = self._of(self._forward, places) * (omega * omega)
         at_origin = inertial.readings[..., _ACCEL_X] - self._of(self._bias, places)[..., _ACCEL_X] + forward
         if not all(inertial.fresh):
-            present = present & np.array(inertial.fresh)[:, np.newaxis]
-        count = add_up(present.astype(np.float64))
-        return add_up(np.where(present, at_origin, 0.0)) / np.maximum(count, 1.0)
+            fresh = np.array(inertial.fresh)[:, np.newaxis]
+            present = np.broadcast_to(fresh, at_origin.shape) if present is None else present & fresh
+        return mean_of_units(at_origin, present)[0]
 
-    def _update(self, measurement: Measurement, aid: Aid) -> None:
-        values = measurement.values[:, aid.places]
-        mask = usable(measurement, values)
-        self.engine.update(aid.observation, values, mask)
-        if aid.is_speed:
-            self._remember_speed(measurement, values[:, 0], mask)
+    def _update_yaw_rate(self, inertial: _Inertial) -> None:
+        rates = inertial.readings[..., _GYRO_Z] - self._of(self._bias, inertial.places)[..., _GYRO_Z]
+        mean, count = mean_of_units(rates, inertial.present)
+        mask = self._everyone if inertial.present is None else np.asarray(count) > 0.0
+        variance = np.atleast_1d(self._gyro_variance / np.maximum(count, 1.0))[:, np.newaxis]
+        nis = self.engine.update(self._yaw_rate, mean[:, np.newaxis], mask, variance)
+        self._note(GYRO, nis, mask)
 
     def _see_if_standing(self, tick: Tick, detector: StandstillDetector, inertial: _Inertial | None) -> None:
         if inertial is not None:
@@ -167,10 +185,10 @@ class RigidBodyFilter:
         if self.standing.any():
             self.engine.update(self._zero_speed, self._zero, self.standing)
 
-    def _remember_speed(self, measurement: Measurement, speed: FloatArray, mask: BoolArray) -> None:
-        known = self._sensed_speed.get(measurement.sensor)
+    def _remember_speed(self, name: str, arrived_ns: int, speed: FloatArray, mask: BoolArray) -> None:
+        known = self._sensed_speed.get(name)
         before = np.zeros_like(speed) if known is None else known[1]
-        self._sensed_speed[measurement.sensor] = (measurement.t_available_ns, np.where(mask, np.abs(speed), before))
+        self._sensed_speed[name] = (arrived_ns, np.where(mask, np.abs(speed), before))
 
     def _slow(self, tick: Tick) -> BoolArray:
         """Where the guard of section 2.7 lets the standstill detector speak, shape (R,)."""

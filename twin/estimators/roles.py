@@ -11,11 +11,14 @@ from twin.errors import BadInputError
 from twin.geometry import rotation_from_rpy
 from twin.signals import BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
-IMU, RADAR, GNSS = "imu", "radar", "gnss"
+IMU, RADAR, ACCOSAT, GNSS = "imu", "radar", "accosat", "gnss"
 
 INERTIAL_COLUMNS = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 SPEED_COLUMN = "speed_m_s"
 POSITION_COLUMNS = ("position_e_m", "position_n_m")
+
+Places = slice | list[int]
+"""Columns to take of an array's last axis; a slice where they are neighbours, which copies nothing."""
 
 
 def pick_sensors(setup: EstimatorSetup, kinds: Sequence[str], *, estimator: str) -> dict[str, list[SensorInfo]]:
@@ -35,7 +38,7 @@ def pick_sensors(setup: EstimatorSetup, kinds: Sequence[str], *, estimator: str)
     return picked
 
 
-def column_places(info: SensorInfo, columns: Sequence[str], *, setup: EstimatorSetup) -> list[int]:
+def column_places(info: SensorInfo, columns: Sequence[str], *, setup: EstimatorSetup) -> Places:
     """Places of ``columns`` in a sensor's values.
 
     Raises:
@@ -47,7 +50,9 @@ def column_places(info: SensorInfo, columns: Sequence[str], *, setup: EstimatorS
             f"[estimators.{setup.name}] sensors: {info.name!r} gives no {', '.join(missing)}; "
             f"it gives {', '.join(info.columns)}"
         )
-    return [info.columns.index(name) for name in columns]
+    places = [info.columns.index(name) for name in columns]
+    consecutive = places == list(range(places[0], places[0] + len(places)))
+    return slice(places[0], places[0] + len(places)) if consecutive else places
 
 
 def lever_arm(info: SensorInfo, setup: EstimatorSetup) -> tuple[float, float]:
@@ -73,7 +78,7 @@ class InertialUnit:
     name: str
     forward_m: float
     left_m: float
-    _places: slice | list[int]
+    _places: Places
     _to_body: FloatArray | None
 
     @classmethod
@@ -84,14 +89,12 @@ class InertialUnit:
             BadInputError: it sits on another body or lacks a column.
         """
         forward, left = lever_arm(info, setup)
-        places = column_places(info, INERTIAL_COLUMNS, setup=setup)
-        consecutive = places == list(range(places[0], places[0] + len(places)))
         rotation = np.matmul(rotation_from_rpy(*setup.reference.rpy_rad).T, rotation_from_rpy(*info.mount.rpy_rad))
         return cls(
             name=info.name,
             forward_m=forward,
             left_m=left,
-            _places=slice(places[0], places[0] + len(places)) if consecutive else places,
+            _places=column_places(info, INERTIAL_COLUMNS, setup=setup),
             _to_body=None if np.array_equal(rotation, np.eye(3)) else _twice(rotation),
         )
 

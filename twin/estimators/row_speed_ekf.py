@@ -1,12 +1,13 @@
 """The row-speed filter of paper 000, as published, central or distributed (kind ``row_speed_ekf``).
 
 One extended Kalman filter with the coordinated-turn model (:mod:`twin.estimators.coordinated_turn`), the mean
-longitudinal accelerometer as input, every gyroscope, radar and GNSS receiver as an update of its own, and rigid-body
-transport to the row units. Its Q is eq 4.1, its R table 4.1; Q is added once per 50 Hz step, not per second.
+longitudinal accelerometer as input, updates by the gyroscopes and by every radar, AccoSat and GNSS receiver on its own,
+and rigid-body transport to the row units. Its Q is eq 4.1, its R table 4.1; Q is added once per 50 Hz step, not per
+second.
 
 * **central** (section 2.2.1): one filter at the machine's reference, fed by all inertial units.
 * **distributed** (section 2.2.2): one filter per inertial unit, at its place on the row line, each with its own
-  accelerometer and gyroscope; radar and GNSS are shared, the units do not talk to one another. A row without a unit
+  accelerometer and gyroscope; the aiding sensors are shared, the units do not talk to one another. A row without a unit
   takes its speed and place from the nearest unit's filter by rigid-body transport (the one with the lower row number
   at a tie); the machine's own pose, speed and yaw rate come in the same way from the unit nearest the reference.
 
@@ -17,8 +18,12 @@ samples are used as if current. GNSS speed counts as forward speed. No outlier i
 
 **What the paper leaves open**, and is decided here: units' accelerations are moved to the origin by eq 2.8; without any
 accelerometer the acceleration is 0; the filter starts when the calibration ends, from the start pose the owner set out,
-with the sigmas of ``StartConfig``; GNSS has the variance of RTK (0.1) unless ``variance`` names another (paper: 1 for
-plain GPS), the same number for position in m^2 and speed in (m/s)^2, as table 4.1 has it.
+with the sigmas of ``StartConfig``; GNSS has the same number for position in m^2 and speed in (m/s)^2, as table 4.1 has
+it. How a receiver's own word can be believed instead is in :mod:`twin.estimators.aiding`.
+
+Beside what it estimates it tells, as diagnostics, the normalised innovation squared of its last updates
+(``nis_gyro``, ``nis_<radar>``, ``nis_<gnss>_position``, ``nis_<gnss>_speed``): chi-square with 1 degree of freedom, a
+position's with 2, if the filter is consistent.
 """
 
 from __future__ import annotations
@@ -26,25 +31,16 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Strict
 
 from twin.config import Config, Names, NonNegative, Positive
 from twin.errors import BadInputError
 from twin.estimators import planter_output
-from twin.estimators.coordinated_turn import AntennaPosition, CoordinatedTurn, ForwardSpeed
+from twin.estimators.aiding import AidingNoise, GnssWeighting, aids_of
+from twin.estimators.coordinated_turn import CoordinatedTurn
 from twin.estimators.engines import EngineName, make_engine
-from twin.estimators.rigid_body_filter import Aid, RigidBodyFilter
-from twin.estimators.roles import (
-    GNSS,
-    IMU,
-    POSITION_COLUMNS,
-    RADAR,
-    SPEED_COLUMN,
-    InertialUnit,
-    column_places,
-    lever_arm,
-    pick_sensors,
-)
+from twin.estimators.rigid_body_filter import RigidBodyFilter
+from twin.estimators.roles import ACCOSAT, GNSS, IMU, RADAR, InertialUnit, pick_sensors
 from twin.estimators.standstill import StandstillConfig
 from twin.estimators.ticks import Tick, TickClock
 from twin.signals import NS_PER_S, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
@@ -57,7 +53,7 @@ Variances = Annotated[
 ]
 
 
-class NoiseConfig(Config):
+class NoiseConfig(AidingNoise):
     """Q and R of the filter; the defaults are the paper's (eq 4.1, table 4.1)."""
 
     process: Variances = (1e-5, 1e-5, 1e-4, 1e-8, 1e-8)
@@ -66,12 +62,6 @@ class NoiseConfig(Config):
     """Variance of an accelerometer axis per sample; only the standstill detector uses it, and only uncalibrated."""
     gyro_rad2_s2: Positive = 1e-6
     """Variance of a gyroscope sample."""
-    radar_m2_s2: Positive = 0.1
-    """Variance of a radar speed."""
-    gnss: Positive = 0.1
-    """Variance of GNSS position (m^2) and speed ((m/s)^2): 0.1 for RTK, 1 for GPS."""
-    variance: dict[str, Positive] = Field(default_factory=dict)
-    """By sensor name: a variance of that radar or GNSS receiver alone, in place of the above."""
 
 
 class StartConfig(Config):
@@ -88,7 +78,7 @@ class RowSpeedEkfConfig(Config):
 
     kind: Literal["row_speed_ekf"]
     sensors: Names
-    """Names of the inertial units (at least one), radars and GNSS receivers it listens to."""
+    """Names of the inertial units (at least one) and of the radars, AccoSats and GNSS receivers it listens to."""
     architecture: Literal["central", "distributed"] = "central"
     """One filter for the machine, or one per inertial unit."""
     rate_hz: Positive = 50.0
@@ -100,6 +90,7 @@ class RowSpeedEkfConfig(Config):
     max_age_s: Positive = 1.0
     """Samples older than this on arrival are dropped; younger late ones count as current."""
     noise: NoiseConfig = NoiseConfig()
+    gnss: GnssWeighting = GnssWeighting()
     start: StartConfig = StartConfig()
     standstill: StandstillConfig = StandstillConfig()
 
@@ -113,7 +104,7 @@ class RowSpeedEkf:
     """
 
     def __init__(self, config: RowSpeedEkfConfig, setup: EstimatorSetup) -> None:
-        sensors = pick_sensors(setup, (IMU, RADAR, GNSS), estimator=KIND)
+        sensors = pick_sensors(setup, (IMU, RADAR, ACCOSAT, GNSS), estimator=KIND)
         rate_hz = _common_rate(sensors[IMU], setup)
         _check(config, setup)
         self._config = config
@@ -124,7 +115,9 @@ class RowSpeedEkf:
         self._step_ns = self._clock.step_ns
         self._filters = self._make_filters(sensors)
         self._output = planter_output.PlanterOutput(
-            rows_y_m=setup.rows_y_m, origins_left_m=[each.origin_left_m for each in self._filters]
+            rows_y_m=setup.rows_y_m,
+            origins_left_m=[each.origin_left_m for each in self._filters],
+            innovations=self._filters[0].innovations,
         )
         self.columns = self._output.columns
         self.state_columns: tuple[str, ...] = planter_output.STATE_COLUMNS
@@ -153,7 +146,12 @@ class RowSpeedEkf:
         if tick is not None:
             self._step(tick)
         states = [self._state(each, t_ns) for each in self._filters]
-        return self._output.estimate(t_ns, states, [each.standing for each in self._filters])
+        return self._output.estimate(
+            t_ns,
+            states,
+            standing=[each.standing for each in self._filters],
+            nis=[each.take_nis() for each in self._filters],
+        )
 
     def _step(self, tick: Tick) -> None:
         if self._first_tick is None:
@@ -177,12 +175,12 @@ class RowSpeedEkf:
             return x, P
         dt_s = (t_ns - self._filter_t_ns) / NS_PER_S
         none = np.zeros(len(x))
-        F = one.motion.F(x, none, dt_s)
-        return one.motion.f(x, none, dt_s), np.einsum("rij,rjk,rlk->ril", F, P, F) + one.motion.Q(dt_s)
+        moved, F = one.motion.linearise(x, none, dt_s)
+        return moved, np.einsum("rik,rjk->rij", np.einsum("rij,rjk->rik", F, P), F) + one.motion.Q(dt_s)
 
     def _make_filters(self, sensors: dict[str, list[SensorInfo]]) -> list[RigidBodyFilter]:
         units = [InertialUnit.of(info, self._setup) for info in sensors[IMU]]
-        aiding = [*sensors[RADAR], *sensors[GNSS]]
+        aiding = [*sensors[RADAR], *sensors[ACCOSAT], *sensors[GNSS]]
         if self._config.architecture == "central":
             return [self._make_filter(units, aiding, 0.0)]
         return [self._make_filter([unit], aiding, unit.left_m) for unit in units]
@@ -201,7 +199,7 @@ class RowSpeedEkf:
             motion=CoordinatedTurn(process_variances=noise.process, step_s=step_s),
             origin_left_m=origin_left_m,
             units=units,
-            aids={info.name: _aids(info, noise, setup, origin_left_m) for info in aiding},
+            aids={info.name: aids_of(info, noise, config.gnss, setup, origin_left_m) for info in aiding},
             gyro_variance=noise.gyro_rad2_s2,
             accelerometer_variance=noise.accelerometer_m2_s4,
             standstill=config.standstill,
@@ -225,7 +223,7 @@ def _check(config: RowSpeedEkfConfig, setup: EstimatorSetup) -> None:
         if name not in setup.sensors or setup.sensors[name].kind == IMU:
             able = ", ".join(info.name for info in setup.sensors.values() if info.kind != IMU) or "none"
             raise BadInputError(
-                f"[estimators.{setup.name}.noise.variance] {name}: no radar or GNSS of that name; there are: {able}"
+                f"[estimators.{setup.name}.noise.variance] {name}: no aiding sensor of that name; there are: {able}"
             )
     if config.engine == "filterpy" and setup.runs > 1:
         raise BadInputError(
@@ -239,20 +237,3 @@ def _start(start: StartConfig, setup: EstimatorSetup, origin_left_m: float) -> t
     x = np.array([east - origin_left_m * np.sin(heading), north + origin_left_m * np.cos(heading), 0.0, heading, 0.0])
     sigmas = np.array([start.position_m, start.position_m, start.speed_m_s, start.heading_rad, start.yaw_rate_rad_s])
     return np.repeat(x[np.newaxis], setup.runs, axis=0), np.repeat(np.diag(sigmas**2)[np.newaxis], setup.runs, axis=0)
-
-
-def _aids(info: SensorInfo, noise: NoiseConfig, setup: EstimatorSetup, origin_left_m: float) -> list[Aid]:
-    """What a radar or GNSS receiver tells a filter whose origin is ``origin_left_m`` from the reference."""
-    forward, left = lever_arm(info, setup)
-    left -= origin_left_m
-    default = noise.gnss if info.kind == GNSS else noise.radar_m2_s2
-    variance = noise.variance.get(info.name, default)
-    aids: list[Aid] = []
-    if info.kind == GNSS and all(name in info.columns for name in POSITION_COLUMNS):
-        places = column_places(info, POSITION_COLUMNS, setup=setup)
-        seen = AntennaPosition(variance, forward_m=forward, left_m=left)
-        aids.append(Aid(places=places, observation=seen, is_speed=False))
-    if info.kind == RADAR or SPEED_COLUMN in info.columns:
-        places = column_places(info, (SPEED_COLUMN,), setup=setup)
-        aids.append(Aid(places=places, observation=ForwardSpeed(variance, left_m=left), is_speed=True))
-    return aids

@@ -35,7 +35,7 @@ import numpy as np
 from pydantic import Field
 
 from twin.config import Config, NonNegative, Positive
-from twin.estimators.calibration import Calibration, add_up
+from twin.estimators.calibration import Calibration, mean_of_units
 from twin.signals import BoolArray, FloatArray
 
 _VARIANCE_FLOOR = 1e-6
@@ -99,13 +99,11 @@ class StandstillDetector:
         self._mean = np.zeros_like(variance)
         self._energy = variance
 
-    def update(self, units: list[int], norms: FloatArray, present: BoolArray) -> None:
-        """Take one tick: ``norms`` (k, R) of the ``units`` that answered, ``present`` (k, R) where usable."""
+    def update(self, units: list[int], norms: FloatArray, present: BoolArray | None) -> None:
+        """Take one tick: ``norms`` (k, R) of the ``units`` that answered, ``present`` (k, R) where usable; None: all."""
         reference = self._norm if units == self._all_units else self._norm[units]
-        count = add_up(present.astype(np.float64))
-        some = np.maximum(count, 1.0)
-        deviation = add_up(np.where(present, norms - reference, 0.0)) / some
-        gain = np.where(count > 0.0, self._alpha, 0.0)
+        deviation, count = mean_of_units(norms - reference, present)
+        gain = self._alpha if present is None else np.where(np.asarray(count) > 0.0, self._alpha, 0.0)
         # Fewer units leave more noise in their mean; the weight keeps its expected energy at V.
         weight = count / len(self._norm)
         self._mean = self._mean + gain * (deviation - self._mean)

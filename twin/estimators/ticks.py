@@ -38,6 +38,14 @@ class Tick:
     """Measurements in order of arrival, each with True if it is fresh: valid at this very tick."""
 
 
+@dataclass(slots=True)
+class _History:
+    """Times of validity that a sensor has sent."""
+
+    newest_ns: int
+    seen_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+
+
 class TickClock:
     """Groups measurements by tick, as the module's docstring says."""
 
@@ -49,8 +57,7 @@ class TickClock:
         self._closed: int | None = None
         self._open: Tick | None = None
         self._waiting: list[tuple[int, Measurement]] = []
-        self._newest_ns: dict[str, int] = {}
-        self._seen: dict[str, deque[int]] = {}
+        self._histories: dict[str, _History] = {}
 
     def add(self, measurement: Measurement) -> Tick | None:
         """Take a measurement; return the group it closes by being of a later tick, if it does."""
@@ -89,14 +96,15 @@ class TickClock:
         return (t_ns + self.step_ns // 2) // self.step_ns
 
     def _is_stale(self, measurement: Measurement) -> bool:
-        name, t_ns = measurement.sensor, measurement.t_ns
+        t_ns = measurement.t_ns
         if measurement.t_available_ns - t_ns > self._max_age_ns:
             return True
-        newest = self._newest_ns.get(name)
-        if newest is None:
-            self._seen[name] = deque(maxlen=_REMEMBERED)
-        elif t_ns <= newest and t_ns in self._seen[name]:
+        history = self._histories.get(measurement.sensor)
+        if history is None:
+            history = self._histories[measurement.sensor] = _History(t_ns)
+        elif t_ns > history.newest_ns:
+            history.newest_ns = t_ns
+        elif t_ns in history.seen_ns:
             return True
-        self._newest_ns[name] = t_ns if newest is None else max(newest, t_ns)
-        self._seen[name].append(t_ns)
+        history.seen_ns.append(t_ns)
         return False

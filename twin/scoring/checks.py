@@ -66,13 +66,14 @@ def judge(scenario: Scenario, metrics: Mapping[str, float]) -> list[Outcome]:
 
 def _judge(check: Check, metrics: Mapping[str, float]) -> Outcome:
     value = metrics.get(check.metric, math.nan)
-    holds = _within(value, check.min, check.max)
+    holds = within(value, check.min, check.max)
     if check.ratio_to is not None:
         below = metrics.get(check.ratio_to, math.nan)
         value = value / below if below and math.isfinite(below) else math.nan
-        holds = holds and _within(value, check.min_ratio, check.max_ratio)
+        holds = holds and within(value, check.min_ratio, check.max_ratio)
     return Outcome(check=check, value=value, ok=holds)
 
 
-def _within(value: float, low: float | None, high: float | None) -> bool:
+def within(value: float, low: float | None, high: float | None) -> bool:
+    """Tell whether a finite value keeps its bounds."""
     return math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)

@@ -31,7 +31,9 @@ class Measure:
     signal: Callable[[Errors], FloatArray]
     reduction: Reduction
     limit: float = 0.0
-    """For ``time_to``: the time from the loss until the signal first exceeds this, s (inf: never)."""
+    """For ``time_to``: the time from the loss until the signal first exceeds this, s (inf: not before its end)."""
+    envelope: str = ""
+    """Name, with its unit, under which the signal's quantiles over many members are kept at each instant."""
 
 
 def row_numbers(columns: Sequence[str]) -> list[int]:
@@ -86,7 +88,9 @@ def _row_speed(columns: list[str], counted: Sequence[int] | None, limits: Mappin
             return largest_of_rows
 
         measures.append(Measure(name=f"row_speed.mean_abs_error{scope}{{phase}}_m_s", signal=mean, reduction="mean"))
-        measures.append(Measure(name=f"row_speed.max_abs_error{scope}{{phase}}_m_s", signal=largest, reduction="max"))
+        envelope = "" if scope else "row_speed_m_s"
+        name = f"row_speed.max_abs_error{scope}{{phase}}_m_s"
+        measures.append(Measure(name=name, signal=largest, reduction="max", envelope=envelope))
         if not scope:
             measures += _time_to("row_speed", largest, limits)
     return measures
@@ -109,7 +113,7 @@ def _row_position(columns: list[str], counted: Sequence[int] | None, limits: Map
 
     return [
         Measure(name="row_position.rmse{phase}_m", signal=rms, reduction="rms"),
-        Measure(name="row_position.max_error{phase}_m", signal=largest, reduction="max"),
+        Measure(name="row_position.max_error{phase}_m", signal=largest, reduction="max", envelope="row_position_m"),
         *_time_to("row_position", largest, limits),
     ]
 
@@ -124,7 +128,7 @@ def _position(columns: list[str], _counted: Sequence[int] | None, limits: Mappin
 
     return [
         Measure(name="position.rmse{phase}_m", signal=distance, reduction="rms"),
-        Measure(name="position.max_error{phase}_m", signal=distance, reduction="max"),
+        Measure(name="position.max_error{phase}_m", signal=distance, reduction="max", envelope="position_m"),
         Measure(name="position.final_error_m", signal=distance, reduction="last"),
         *_time_to("position", distance, limits),
     ]
@@ -140,5 +144,7 @@ def _scalar(columns: list[str], column: str, family: str, unit: str, factor: flo
 
     return [
         Measure(name=f"{family}.mean_abs_error{{phase}}_{unit}", signal=size, reduction="mean"),
-        Measure(name=f"{family}.max_abs_error{{phase}}_{unit}", signal=size, reduction="max"),
+        Measure(
+            name=f"{family}.max_abs_error{{phase}}_{unit}", signal=size, reduction="max", envelope=f"{family}_{unit}"
+        ),
     ]

@@ -13,7 +13,7 @@ Values are arrays over the ensemble axis, shape (R,): NaN where a phase did not 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ import numpy as np
 from twin.geometry import wrap_angle
 from twin.recording import Recording, Stream
 from twin.scenario import Scenario
+from twin.scoring import consistency
 from twin.scoring.measures import Measure, measures_of, row_numbers
 from twin.signals import NS_PER_S, SPEED, YAW_RATE, BoolArray, FloatArray, IntArray, nanoseconds, row_speed, wraps
 
@@ -53,7 +54,9 @@ def shared_columns(truth: Sequence[str], estimate: Sequence[str]) -> list[str]:
 
 def estimator_measures(scenario: Scenario, truth: Sequence[str], estimate: Sequence[str]) -> list[Measure]:
     """Measures of an estimator with these columns."""
-    limits: Mapping[str, float] = scenario.scoring.limits if scenario.loss_window_s is not None else {}
+    limits = {str(family): limit for family, limit in scenario.scoring.limits.items()}
+    if scenario.loss_window_s is None:
+        limits = {}
     return measures_of(shared_columns(truth, estimate), counted_rows=scenario.scoring.rows, limits=limits)
 
 
@@ -63,7 +66,14 @@ def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
     for estimator, columns in estimates.items():
         for measure in estimator_measures(scenario, truth, columns):
             names += [f"{estimator}.{name}" for name in _phased(measure, phase_names(scenario, truth))]
+        names += [f"{estimator}.{name}" for name in _consistency_names(truth, columns)]
     return names
+
+
+def _consistency_names(truth: Sequence[str], estimate: Sequence[str]) -> list[str]:
+    states = consistency.state_columns(estimate)
+    names = ["consistency.nees"] if states and set(states) <= set(truth) else []
+    return names + [f"consistency.{column}" for column in consistency.nis_columns(estimate)]
 
 
 def _phased(measure: Measure, suffixes: Sequence[str]) -> list[str]:
@@ -119,9 +129,16 @@ class Scorer:
     """Metrics of estimates that arrive in pieces, each with the truth of the same time."""
 
     def __init__(
-        self, scenario: Scenario, truth_columns: Sequence[str], estimates: Mapping[str, Sequence[str]]
+        self,
+        scenario: Scenario,
+        truth_columns: Sequence[str],
+        estimates: Mapping[str, Sequence[str]],
+        *,
+        watch: Callable[[str, IntArray, FloatArray], None] | None = None,
     ) -> None:
+        """``watch`` is shown every error signal that has an envelope: its name, times (T,) and values (T, R)."""
         self._scenario = scenario
+        self._watch = watch
         self._from_ns = nanoseconds(scenario.scoring.from_s)
         self._columns = {name: shared_columns(truth_columns, columns) for name, columns in estimates.items()}
         self._measures = {
@@ -129,6 +146,11 @@ class Scorer:
         }
         self._phases = phase_names(scenario, truth_columns)
         self._tallies: dict[str, _Tally] = {}
+        self._means: dict[str, _MeanOfKnown] = {
+            f"{name}.{metric}": _MeanOfKnown()
+            for name, columns in estimates.items()
+            for metric in _consistency_names(truth_columns, columns)
+        }
 
     def add(self, truth: Stream, estimates: Mapping[str, Stream]) -> None:
         """Take the next piece of every estimator."""
@@ -138,24 +160,68 @@ class Scorer:
             runs = estimate.values.shape[1]
             for measure in self._measures[name]:
                 values = measure.signal(compared.errors)
+                if self._watch is not None and measure.envelope:
+                    self._watch(f"{name}.{measure.envelope}", compared.t_ns, values)
                 for suffix in self._phases if "{phase}" in measure.name else [""]:
                     key = f"{name}.{measure.name.format(phase=suffix)}"
                     tally = self._tallies.setdefault(key, self._tally(measure, runs))
                     tally.add(values[masks[suffix]], compared.t_ns[masks[suffix]])
+            self._add_consistency(name, truth, estimate, compared)
+
+    def _add_consistency(self, name: str, truth: Stream, estimate: Stream, compared: Compared) -> None:
+        nees = self._means.get(f"{name}.consistency.nees")
+        if nees is not None:
+            t_ns, values = sampled_nees(truth, estimate, compared)
+            nees.add(values)
+            if self._watch is not None:
+                self._watch(f"{name}.nees", t_ns, values)
+        for column in consistency.nis_columns(estimate.columns):
+            values = estimate.column(column)[compared.at_estimate]
+            self._means[f"{name}.consistency.{column}"].add(values)
 
     def _tally(self, measure: Measure, runs: int) -> _Tally:
         window = self._scenario.loss_window_s
-        return _Tally(measure, runs, nanoseconds(window[0]) if window is not None else 0)
+        begin, end = window if window is not None else (0.0, 0.0)
+        return _Tally(measure, runs, (nanoseconds(begin), nanoseconds(end)))
 
     def metrics(self) -> Metrics:
         """Metrics of all that was added, each of shape (R,)."""
-        return {name: tally.value() for name, tally in self._tallies.items()}
+        found: Metrics = {}
+        for name in self._measures:
+            for part in (self._tallies, self._means):
+                found |= {key: tally.value() for key, tally in part.items() if key.startswith(f"{name}.")}
+        return found
+
+
+def sampled_nees(truth: Stream, estimate: Stream, compared: Compared) -> tuple[IntArray, FloatArray]:
+    """NEES of an estimate's joint state once a second: times (T,), ns, and values (T, R)."""
+    once_a_second = compared.t_ns % consistency.NEES_PERIOD_NS == 0
+    rows = compared.at_truth[once_a_second], compared.at_estimate[once_a_second]
+    states = consistency.state_columns(estimate.columns)
+    return compared.t_ns[once_a_second], consistency.nees(truth, estimate, states, *rows)
+
+
+class _MeanOfKnown:
+    """Mean over time of values (T, R) that may be unknown (NaN) now and then."""
+
+    def __init__(self) -> None:
+        self._sum: FloatArray = np.zeros(1)
+        self._count: FloatArray = np.zeros(1)
+
+    def add(self, values: FloatArray) -> None:
+        known = ~np.isnan(values)
+        self._sum = self._sum + np.where(known, values, 0.0).sum(axis=0)
+        self._count = self._count + known.sum(axis=0)
+
+    def value(self) -> FloatArray:
+        mean: FloatArray = np.full(len(self._sum), math.nan)
+        return np.divide(self._sum, self._count, out=mean, where=self._count > 0)
 
 
 class _Tally:
     """One reduction over time, for R runs, fed in pieces of shape (T, R)."""
 
-    def __init__(self, measure: Measure, runs: int, loss_ns: int) -> None:
+    def __init__(self, measure: Measure, runs: int, loss_ns: tuple[int, int]) -> None:
         self._reduction = measure.reduction
         self._limit = measure.limit
         self._loss_ns = loss_ns
@@ -180,10 +246,11 @@ class _Tally:
                 self._time_first_excess(values, t_ns)
 
     def _time_first_excess(self, values: FloatArray, t_ns: IntArray) -> None:
-        since = t_ns >= self._loss_ns
+        begin, end = self._loss_ns
+        since = (t_ns >= begin) & (t_ns < end)
         beyond = values[since] > self._limit
         if len(beyond):
-            first = (t_ns[since][beyond.argmax(axis=0)] - self._loss_ns) / NS_PER_S
+            first = (t_ns[since][beyond.argmax(axis=0)] - begin) / NS_PER_S
             self._held = np.minimum(self._held, np.where(beyond.any(axis=0), first, math.inf))
 
     def value(self) -> FloatArray:

@@ -56,7 +56,7 @@ class Verdict:
             "checks": [outcome.as_json() for outcome in self.checks],
             "baseline": {"compared": self.baseline_compared, "drifted": self.drifted},
             "timing": {name: _number(value) for name, value in self.timing.items()},
-            "versions": _versions(),
+            "versions": versions(),
         }
 
 
@@ -64,14 +64,15 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _versions() -> dict[str, str]:
-    versions: dict[str, str] = {}
+def versions() -> dict[str, str]:
+    """Versions of this package and of what its numbers depend on."""
+    found: dict[str, str] = {}
     for package in _PACKAGES:
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:
             continue
-    return versions
+    return found
 
 
 def score(recording: Recording, *, timing: Mapping[str, float] | None = None) -> Verdict:

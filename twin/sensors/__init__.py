@@ -10,6 +10,7 @@ from typing import Annotated, assert_never
 
 from pydantic import Field
 
+from twin.sensors.accosat import AccoSat, AccoSatConfig
 from twin.sensors.base import Sample, Sensor, SensorConfig
 from twin.sensors.gnss import Gnss, GnssConfig
 from twin.sensors.imu import Imu, ImuConfig
@@ -24,7 +25,7 @@ __all__ = [
     "build_sensor",
 ]
 
-AnySensorConfig = ImuConfig | RadarConfig | GnssConfig
+AnySensorConfig = ImuConfig | RadarConfig | AccoSatConfig | GnssConfig
 SensorConfigUnion = Annotated[AnySensorConfig, Field(discriminator="kind")]
 
 
@@ -41,6 +42,8 @@ def build_sensor(
             return Imu(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case RadarConfig():
             return Radar(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case AccoSatConfig():
+            return AccoSat(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case GnssConfig():
             return Gnss(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case _:

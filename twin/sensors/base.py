@@ -177,8 +177,7 @@ class Sensor(ABC):
         assert t_ns == self.next_tick * self._dt_ns, "captured at another tick than next_tick"
         events = self._faults.look(t_ns, capture.position_enu_m) if self._faults else ()
         reading = self._measure(capture)
-        self._schedule.advance()
-        self.next_tick = self._schedule.tick
+        self.skip()
         if not self._faults and self._dropout_stream is None:
             measurement = self._measurement(reading.values, self._all_valid, stamp_ns, t_ns + latency_ns)
             return Sample(measurements=(measurement,), hidden=self._hidden(reading, stamp_ns - t_ns))
@@ -189,9 +188,10 @@ class Sensor(ABC):
         hidden = self._hidden(reading, delivery.stamp_ns - t_ns)
         return Sample(measurements=self._deliver(delivery, t_ns), hidden=hidden, events=events)
 
-    def fault_events(self) -> list[Event]:
-        """Return events known before the run: none, since :attr:`Sample.events` has all of them as they happen."""
-        return []
+    def skip(self) -> None:
+        """Let the sample that is due go by: only the schedule moves on (all runs share it)."""
+        self._schedule.advance()
+        self.next_tick = self._schedule.tick
 
     def _mask(self) -> BoolArray:
         if self._dropout_stream is None:

@@ -164,7 +164,7 @@ class Gnss(Sensor):
             t_ns,
             reference_ns=reference_ns,
             index=index,
-            improving=self._states.improving,
+            allowed=self._states.allowed,
             dilution=dilutions,
             normals=normals,
         )

@@ -28,7 +28,7 @@ import numpy as np
 from twin.sensors.gnss_kernels import DRIFT, position_errors, receiver_reports
 from twin.sensors.gnss_states import WITH_CORRECTIONS, FixState
 from twin.sensors.noise import Streams, decay
-from twin.signals import BoolArray, FloatArray, IntArray
+from twin.signals import FloatArray, IntArray
 
 
 class PositionErrors:
@@ -66,12 +66,13 @@ class PositionErrors:
         *,
         reference_ns: IntArray,
         index: IntArray,
-        improving: BoolArray,
+        allowed: IntArray,
         dilution: FloatArray,
         normals: FloatArray,
     ) -> FloatArray:
         """Advance by one sample and return the error, (R, 3), which changes in place at the next call.
 
+        ``index`` (R,) is the state, ``allowed`` (R,) the best one whose conditions hold and which is being acquired.
         ``normals`` (R, ``normals_needed``) are this sample's, as :func:`gnss_kernels.position_errors` wants them.
         """
         self._step += 1
@@ -80,7 +81,7 @@ class PositionErrors:
             t_ns,
             reference_ns,
             index,
-            improving,
+            allowed,
             self._sigma,
             self._white_sigma,
             self._decay_rate,

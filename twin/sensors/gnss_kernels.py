@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.sensors.kernels import compiled
-from twin.signals import BoolArray, FloatArray, IntArray
+from twin.signals import FloatArray, IntArray
 
 NEVER = 2**62
 """An instant that does not come, ns. Its negative: one that has never been; an age from there exceeds any time-out."""
@@ -27,12 +27,12 @@ def fix_states(  # noqa: PLR0917 - compiled functions are called by position
     normals: FloatArray,
     used: IntArray,
     index: IntArray,
-    improving: BoolArray,
+    allowed: IntArray,
 ) -> int:
     """One step of the fix-state machine; returns how many of a run's ``normals`` are used up at most.
 
     ``reference_ns`` (R,) is the epoch of the newest corrections; the tables (S,) describe the states, best first.
-    ``ready_ns`` (R, S), ``used`` (R,), ``index`` (R,) and ``improving`` (R,) change in place. A state becomes ready
+    ``ready_ns`` (R, S), ``used``, ``index`` and ``allowed`` (R,) change in place. A state becomes ready
     ``acquire`` after its conditions have come to hold; the receiver is in the first that is ready, S if none is.
     """
     states = until_ns.shape[0]
@@ -55,7 +55,7 @@ def fix_states(  # noqa: PLR0917 - compiled functions are called by position
             if state == states and ready_ns[run, s] <= t_ns:
                 state = s
         index[run] = state
-        improving[run] = first_allowed < state
+        allowed[run] = first_allowed
         most = max(most, used[run])
     return most
 
@@ -66,7 +66,7 @@ def position_errors(  # noqa: PLR0917 - compiled functions are called by positio
     t_ns: int,
     reference_ns: IntArray,
     index: IntArray,
-    improving: BoolArray,
+    allowed: IntArray,
     sigma: FloatArray,
     white_sigma: FloatArray,
     decay_rate: FloatArray,
@@ -112,8 +112,9 @@ def position_errors(  # noqa: PLR0917 - compiled functions are called by positio
             share[run] = entry[s] if last[run] < s else 1.0
             last[run] = s
         else:
-            target = entry[s] if improving[run] else 1.0
-            kept = settling_keep[s] if improving[run] else growth_keep[s]
+            acquiring = allowed[run] < s
+            target = entry[s] if acquiring else 1.0
+            kept = settling_keep[s] if acquiring else growth_keep[s]
             share[run] = target + (share[run] - target) * kept
         age_s = (t_ns - reference_ns[run]) * NS_TO_S if reference_ns[run] > -NEVER else 0.0
         steps = step - unit_step[run, s]

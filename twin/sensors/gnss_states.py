@@ -15,15 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from twin.config import Config, NonNegative, Positive, Probability, Vector3
 from twin.sensors.gnss_kernels import NEVER, fix_states
 from twin.sensors.noise import OccasionalNormals, Streams
-from twin.signals import BoolArray, FloatArray, IntArray, nanoseconds
+from twin.signals import FloatArray, IntArray, nanoseconds
 
 OPEN_SKY = 2**31
 """More satellites than there are."""
@@ -32,7 +32,7 @@ NO_POSITION = 0
 WITH_CORRECTIONS = frozenset({2, 4, 5})
 """Qualities for which a receiver tells the age of its corrections."""
 
-_FOUR = 4
+_FEWEST = 4
 """Satellites that a position takes."""
 
 
@@ -53,11 +53,11 @@ class FixState(Config):
     """White error of the east and of the north velocity at standstill."""
     velocity_noise_ratio: NonNegative = 0.0
     """Further white error per m/s of speed, added in quadrature."""
-    satellites: Annotated[int, Field(ge=_FOUR)]
+    satellites: Annotated[int, Field(ge=_FEWEST)]
     """In use under an open sky."""
     hdop: Positive
     vdop: Positive
-    satellites_needed: Annotated[int, Field(ge=0)] = _FOUR
+    satellites_needed: Annotated[int, Field(ge=0)] = _FEWEST
     """With fewer, the state is lost."""
     until_age_s: Positive | None = None
     """The state is lost when the corrections reach this age; without it, it needs none."""
@@ -76,6 +76,14 @@ class FixState(Config):
     reported_age_drift_m_s: Vector3 = (0.0, 0.0, 0.0)
     """The same in what the receiver claims."""
 
+    @model_validator(mode="after")
+    def _check_satellites(self) -> Self:
+        if self.satellites_needed > self.satellites:
+            raise ValueError(
+                f"satellites_needed = {self.satellites_needed}: more than the {self.satellites} satellites in use"
+            )
+        return self
+
     def total_sigma_m(self) -> FloatArray:
         """(3,) true standard deviation of one sample with fresh corrections, under an open sky."""
         total: FloatArray = np.sqrt(np.square(self.correlated_sigma_m) + np.square(self.white_sigma_m))
@@ -88,7 +96,7 @@ def dilution(states: Sequence[FixState], satellites: int) -> FloatArray:
     A choice: the square root of the ratio of satellites beyond three. Four clocks and coordinates leave that many
     observations to average over, plus one.
     """
-    in_use = [max(_FOUR, min(state.satellites, satellites)) for state in states]
+    in_use = [max(_FEWEST, min(state.satellites, satellites)) for state in states]
     return np.array([math.sqrt((s.satellites - 3) / (n - 3)) for s, n in zip(states, in_use, strict=True)])
 
 
@@ -107,8 +115,9 @@ class FixStates:
         start = 0 if pinned is None else list(states).index(pinned)
         self.index: IntArray = np.full(runs, start, dtype=np.int64)
         """(R,) position of the state in the ladder; S for no position. Changes in place."""
-        self.improving: BoolArray = np.zeros(runs, dtype=np.bool_)
-        """(R,) the conditions of a better state hold, it is being acquired. Changes in place."""
+        self.allowed: IntArray = self.index.copy()
+        """(R,) the best state whose conditions hold: if better than the present one, it is being acquired. Changes in
+        place."""
         self._pinned = pinned is not None
         self._until_ns = np.array(
             [np.iinfo(np.int64).max if s.until_age_s is None else nanoseconds(s.until_age_s) for s in table]
@@ -135,6 +144,6 @@ class FixStates:
             self._normals.values,
             self._normals.used,
             self.index,
-            self.improving,
+            self.allowed,
         )
         self._normals.top_up(used)

@@ -10,13 +10,9 @@ The way of a sample:
 2. **Lag.** First order, with one time constant when speeding up and another when braking. A lag that chose by the sign
    of the noisy difference would rectify the noise; it changes over only when the smoothed difference between input and
    output exceeds a threshold, and keeps its time constant until the opposite threshold is passed.
-3. **Pulses.** So many per metre of lagged speed; none below the minimum speed.
-4. **Counter.** Each sample divides the pulses since the last one it used by the time between these two pulses, read
-   from a timer with a finite step. Without a new pulse it holds its value, and reads zero once it has waited longer
-   than one period at minimum speed.
+3. **Pulses** per metre of lagged speed, and the **counter** that reads them (:mod:`twin.sensors.pulses`).
 
-The measured lag of a radar contains whatever averaging its own electronics do; here it is all in step 2, and the
-pulse rate within one sample interval is the one of its end.
+The measured lag of a radar contains whatever averaging its own electronics do; here it is all in step 2.
 """
 
 from __future__ import annotations
@@ -32,6 +28,7 @@ from twin.config import NonNegative, Positive
 from twin.sensors import kernels
 from twin.sensors.base import Reading, Sensor, SensorConfig
 from twin.sensors.noise import WhiteNoise, decay
+from twin.sensors.pulses import SPEED_AND_PULSES, PulseCounter
 from twin.signals import NS_PER_S, Capture, FloatArray, Mount
 
 
@@ -92,43 +89,11 @@ class _Lag:
         return self._output
 
 
-class _PulseCounter:
-    """Speed from the time between pulses."""
-
-    def __init__(self, config: RadarConfig, *, start_phase: FloatArray) -> None:
-        self._pulses_per_m = config.pulses_per_m
-        self._timer_s = config.timer_resolution_s
-        self._minimum_m_s = config.minimum_speed_m_s
-        minimum_hz = config.pulses_per_m * config.minimum_speed_m_s
-        self._patience_s = 1.0 / minimum_hz if minimum_hz > 0.0 else math.inf
-        self._phase = start_phase
-        self._last_s = np.full(len(start_phase), np.nan)
-        self._reading = np.zeros(len(start_phase))
-
-    def step(self, speed: FloatArray, t_s: float, interval_s: float) -> FloatArray:
-        """Count over one interval at this ``speed`` (R,); return reading and count, (R, 2)."""
-        out = np.empty((len(speed), 2))
-        kernels.count_pulses(
-            speed,
-            self._phase,
-            self._last_s,
-            self._reading,
-            out,
-            t_s,
-            interval_s,
-            self._pulses_per_m,
-            self._minimum_m_s,
-            self._timer_s,
-            self._patience_s,
-        )
-        return out
-
-
 class Radar(Sensor):
     """Ground-speed radar. The truth of ``speed_m_s`` is the mount's mean speed along its forward axis."""
 
-    columns = ("speed_m_s", "pulses")
-    error_columns = ("speed_m_s",)
+    columns = SPEED_AND_PULSES
+    error_columns = SPEED_AND_PULSES[:1]
     extra_hidden_columns = ("lagged_speed_m_s",)
 
     def __init__(
@@ -146,8 +111,12 @@ class Radar(Sensor):
         )
         self._truth = np.full(2, np.nan)
         self._lag = _Lag(config, runs=len(runs), period_s=self.period_s)
-        start = self._streams.uniform("start_phase", 1).next()[:, 0].copy()
-        self._counter = _PulseCounter(config, start_phase=start)
+        self._counter = PulseCounter(
+            pulses_per_m=config.pulses_per_m,
+            minimum_speed_m_s=config.minimum_speed_m_s,
+            timer_resolution_s=config.timer_resolution_s,
+            streams=self._streams,
+        )
 
     def _measure(self, capture: Capture) -> Reading:
         forward, _, up = (capture.mean_velocity_enu_m_s @ capture.rotation).tolist()

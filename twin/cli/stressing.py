@@ -1,0 +1,156 @@
+"""What ``twin stress`` does."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from twin import scenario as scenario_files
+from twin.cli import EXIT_FAILED, EXIT_OK
+from twin.cli.report import COLOURS, Reporter, figure, tick
+from twin.errors import BadInputError
+from twin.runfolder import replacing, require_writable, write_result
+from twin.scenario import LoadedScenario
+from twin.scoring.ensemble import quantiles
+from twin.signals import FloatArray
+from twin.stress import Plan, make_plan, run_tasks
+from twin.stressparts import Parts
+from twin.stressresult import Point, StressResult, headline_metrics, merge_results, write_files
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StressOptions:
+    """Options of ``twin stress``."""
+
+    runs: int
+    worlds: int
+    vary: tuple[str, ...]
+    seed: int | None
+    settings: tuple[str, ...]
+    workers: int
+    out: Path
+    resume: bool
+    singles: int
+    as_json: bool
+
+
+def run_stress(name: str, options: StressOptions) -> int:
+    """Plan, run, merge, judge, draw; return the exit code."""
+    reporter = Reporter(quiet=options.as_json)
+    files = scenario_files.find(name)
+    if len(files) != 1:
+        raise BadInputError(f"{name}: {len(files)} scenarios; a stress test takes one")
+    settings = [scenario_files.parse_setting(text) for text in options.settings]
+    plan = make_plan(
+        files[0], runs=options.runs, worlds=options.worlds, settings=settings, vary=options.vary, seed=options.seed
+    )
+    loaded = plan.load(0, 0)
+    require_writable(options.out)
+    reporter.line(f"{loaded.name}: {loaded.scenario.title}")
+    started = time.perf_counter()
+    parts = Parts(options.out / loaded.name, plan, loaded)
+    results = parts.read() if options.resume else {}
+    for task, result in run_tasks(plan, workers=options.workers, done=results, tell=reporter.line):
+        results[task] = result
+        if len(plan.tasks()) > 1:
+            parts.write(task, result)
+    timing = {"wall_s": time.perf_counter() - started}
+    for key in ("world", "members"):
+        timing[f"{key}_s"] = sum(result.wall_s[key] for result in results.values())
+    timing["member_s"] = timing["members_s"] / (options.runs * len(results))
+    if options.singles:
+        timing |= _compare_singles(loaded, plan, results[0, 0].metrics, options.singles, reporter)
+    merged = merge_results(loaded, plan, results, timing)
+    folder = options.out / loaded.name / f"stress_seed{plan.seeds[0]}_worlds{options.worlds}_runs{options.runs}"
+    pictures = _write(merged, folder)
+    parts.remove()
+    if options.as_json:
+        print(json.dumps([merged.as_json()], indent=1, allow_nan=False))
+    else:
+        _report(merged, folder, pictures, reporter)
+    return EXIT_OK if merged.verdict == "pass" else EXIT_FAILED
+
+
+def _write(merged: StressResult, folder: Path) -> list[str]:
+    from viz.plots import draw_stress  # noqa: PLC0415
+
+    with replacing(folder) as building:
+        write_files(merged, building)
+        pictures = [path.name for path in draw_stress(merged, building)]
+        write_result(building, merged.as_json())
+    return pictures
+
+
+def _compare_singles(
+    loaded: LoadedScenario, plan: Plan, metrics: Mapping[str, FloatArray], count: int, reporter: Reporter
+) -> dict[str, float]:
+    """Run some members alone, in this process and without .rrd: the same numbers, and how much slower."""
+    import numpy as np  # noqa: PLC0415
+
+    from twin.execution import execute  # noqa: PLC0415
+    from twin.scoring import score  # noqa: PLC0415
+
+    count = min(count, plan.runs)
+    worst = 0.0
+    started = time.perf_counter()
+    for run in range(count):
+        found = score(execute(loaded, runs=(run,))).metrics
+        for name, values in metrics.items():
+            one, many = found[name], float(values[run])
+            if one == many or (np.isnan(one) and np.isnan(many)):
+                continue
+            worst = max(worst, abs(one - many) / (1.0 + abs(one)))
+    each = (time.perf_counter() - started) / count
+    reporter.line(f"{count} members run alone: {each:.2f} s each; metrics differ by at most {worst:.1e}")
+    return {"single_s": each, "singles_largest_difference": worst}
+
+
+# --- what a person sees ----------------------------------------------------------------------------------------------
+
+
+def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: Reporter) -> None:
+    for point in merged.points:
+        reporter.line("")
+        if point.label:
+            reporter.line(Text(point.label, style="bold"))
+        reporter.table(_distribution(merged, point))
+        for name, found in point.consistency.items():
+            bounds = f"bounds {found.low:.2f} to {found.high:.2f} over {found.worlds} world{'s' * (found.worlds > 1)}"
+            reporter.line(
+                f"NEES {name}: mean {found.mean:.3g} for {found.states} states, {bounds}; "
+                f"inside at {100 * found.inside:.0f} % of the instants"
+            )
+        for outcome in point.outcomes:
+            reporter.line(Text.assemble(tick(outcome.ok), " ", outcome.sentence()))
+        for worst in point.worst:
+            reporter.line(f"worst {worst.estimator}: {worst.metric} = {figure(worst.value)}: {worst.command}")
+    for line in merged.ended:
+        reporter.line(Text(line, style=COLOURS["error"]))
+    timing = merged.timing
+    last = Text.assemble("verdict: ", (merged.verdict, COLOURS[merged.verdict]))
+    last.append(f"   {merged.plan.runs} members in each of {len(merged.plan.seeds)} worlds in {timing['wall_s']:.1f} s")
+    if "single_s" in timing:
+        share = timing["wall_s"] / (merged.plan.runs * len(merged.plan.seeds) * len(merged.points))
+        last.append(f": {timing['single_s'] / share:.0f} times faster per member than alone")
+    reporter.line(last)
+    reporter.line(f"files: {folder} ({', '.join(pictures)}, members.parquet, envelopes.parquet)")
+
+
+def _distribution(merged: StressResult, point: Point) -> Table:
+    table = Table("estimator", "metric")
+    for heading in ("5 %", "50 %", "95 %", "published"):
+        table.add_column(heading, justify="right")
+    last = ""
+    for name in headline_metrics(merged.loaded, list(point.table)):
+        estimator, _, metric = name.partition(".")
+        cells = [figure(float(value)) for value in quantiles(point.table[name])]
+        shown = estimator if estimator != last else ""
+        table.add_row(shown, metric, *cells, figure(merged.loaded.scenario.published.get(name)))
+        last = estimator
+    return table
