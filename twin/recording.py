@@ -21,6 +21,8 @@ from twin.world.terrain import Terrain
 
 TRUTH = "truth"
 _FIRST_ROWS = 64
+_MOST_CELLS = 500_000_000
+"""Of one file read back: 4 GB of numbers."""
 
 
 def measurement_stream(sensor: str) -> str:
@@ -103,8 +105,17 @@ class Stream:
 
     @staticmethod
     def from_arrow(table: pa.Table) -> Stream:
-        """Inverse of :meth:`to_arrow`, with R = 1."""
+        """Inverse of :meth:`to_arrow`, with R = 1.
+
+        Raises:
+            ValueError: a column has another type than a recorded one.
+            KeyError: there is no time.
+        """
         special = {"t_ns", "t_available_ns", "valid"}
+        for name, kind in zip(table.schema.names, table.schema.types, strict=True):
+            wanted = pa.types.is_int64 if name in special else pa.types.is_floating
+            if not (pa.types.is_boolean if name == "valid" else wanted)(kind):
+                raise ValueError(f"column {name!r} has type {kind}")
         columns = tuple(name for name in table.column_names if name not in special)
         arrays = [table[name].to_numpy() for name in columns]
         values = np.stack(arrays, axis=-1) if arrays else np.empty((table.num_rows, 0))
@@ -257,10 +268,23 @@ def load_streams(folder: Path) -> dict[str, Stream]:
     for path in [folder / "truth.parquet", *sorted(folder.glob("*/*.parquet"))]:
         name = path.relative_to(folder).with_suffix("").as_posix()
         try:
-            streams[name] = Stream.from_arrow(pq.read_table(path))
-        except (OSError, pa.ArrowException, KeyError) as error:
+            streams[name] = Stream.from_arrow(_read_table(path))
+        except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             raise BadInputError(f"{path}: cannot be read as a recorded stream ({error})") from error
     return streams
+
+
+def _read_table(path: Path) -> pa.Table:
+    """Read a Parquet file, unless its own footer says that it would fill the memory.
+
+    Raises:
+        ValueError: it is too large.
+    """
+    with pq.ParquetFile(path) as file:
+        cells = file.metadata.num_rows * file.metadata.num_columns
+        if cells > _MOST_CELLS:
+            raise ValueError(f"{cells:.3g} values; at most {_MOST_CELLS:.3g} are read")
+        return file.read()
 
 
 def load_events(folder: Path) -> list[Event]:
@@ -271,6 +295,6 @@ def load_events(folder: Path) -> list[Event]:
     """
     path = folder / "events.parquet"
     try:
-        return [Event(**row) for row in pq.read_table(path, schema=_EVENT_SCHEMA).to_pylist()]
-    except (OSError, pa.ArrowException) as error:
+        return [Event(**row) for row in _read_table(path).cast(_EVENT_SCHEMA).to_pylist()]
+    except (OSError, pa.ArrowException, ValueError) as error:
         raise BadInputError(f"{path}: cannot be read as an event log ({error})") from error

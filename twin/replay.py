@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Mapping
 
 import numpy as np
 
-from twin.estimation import build_bank, in_order_sampled
+from twin.errors import BadInputError
+from twin.estimation import EstimatorFactory, build_bank, in_order_sampled
 from twin.members import build_sensors
-from twin.recording import Recording, estimate_stream
+from twin.recording import Recording, estimate_stream, measurement_stream
 from twin.scenario import loads
 from twin.signals import nanoseconds
 
 
-def replay(recording: Recording, *, scenario_toml: str | None = None) -> Recording:
+def replay(
+    recording: Recording,
+    *,
+    scenario_toml: str | None = None,
+    plugins: Mapping[str, EstimatorFactory] | None = None,
+) -> Recording:
     """Run the scenario's estimators over a recording's measurements.
 
     ``scenario_toml`` replaces the recording's own scenario, to try other estimator settings on the same data.
@@ -28,7 +35,10 @@ def replay(recording: Recording, *, scenario_toml: str | None = None) -> Recordi
     scenario = loads(toml, where=f"{recording.scenario_name}/scenario.toml")
     started = time.perf_counter()
     infos = {name: sensor.info for name, sensor in build_sensors(scenario, runs=(0,)).items()}
-    bank, _ = build_bank(scenario, infos, runs=len(recording.runs))
+    bank, _ = build_bank(scenario, infos, runs=len(recording.runs), plugins=plugins)
+    missing = [name for name in scenario.sensors if measurement_stream(name) not in recording.streams]
+    if missing:
+        raise BadInputError(f"{recording.scenario_name}: no measurements of {', '.join(missing)} were recorded")
     measured = {name: recording.measurements(name) for name in scenario.sensors}
     for measurement in in_order_sampled(measured):
         bank.deliver(measurement)

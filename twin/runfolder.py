@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import BadInputError
+from twin.paths import plain_name
 from twin.recording import TRUTH, Recording, Stream, load_events, load_streams
 from twin.scoring import Verdict
 
 RESULT = "result.json"
 _LARGEST_RESULT = 50_000_000
+_LONGEST_RUN_S = 36_000.0
 
 
 def folder_of(out: Path, verdict: Verdict) -> Path:
@@ -110,23 +112,33 @@ def read_recording(folder: Path) -> Recording:
     """
     result = read_result(folder)
     try:
-        toml = (folder / "scenario.toml").read_text(encoding="utf-8")
+        path = folder / "scenario.toml"
+        if path.stat().st_size > _LARGEST_RESULT:
+            raise BadInputError(f"{path}: larger than {_LARGEST_RESULT} bytes: not a scenario of ours")
+        toml = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInputError(f"{folder / 'scenario.toml'}: cannot be read ({error})") from error
     try:
         return Recording(
             scenario_toml=toml,
-            scenario_name=str(result["scenario"]),
+            scenario_name=plain_name(str(result["scenario"]), what="scenario"),
             seed=int(result["seed"]),
             runs=(int(result["run"]),),
             streams=_in_scenario_order(load_streams(folder), tomllib.loads(toml)),
             events=load_events(folder),
             ended_reason=str(result["ended"]["reason"]),
-            ended_t_s=float(result["ended"]["t_s"]),
+            ended_t_s=_ended_t_s(result),
             timing={name: float(value) for name, value in result["timing"].items() if value is not None},
         )
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise BadInputError(f"{folder / RESULT}: not a result of a run ({error})") from error
+
+
+def _ended_t_s(result: dict[str, Any]) -> float:
+    t_s = float(result["ended"]["t_s"])
+    if not 0.0 <= t_s <= _LONGEST_RUN_S:
+        raise ValueError(f"ended.t_s = {t_s}")
+    return t_s
 
 
 def _in_scenario_order(streams: dict[str, Stream], scenario: dict[str, Any]) -> dict[str, Stream]:

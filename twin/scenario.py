@@ -7,8 +7,8 @@ caller's ``--set`` values, and then each sensor's preset below what the file say
 
 from __future__ import annotations
 
-import difflib
 import hashlib
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,12 +25,13 @@ from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.sensors import SensorConfigUnion
 from twin.sensors.presets import load_preset, preset_files
-from twin.validation import explain, models_of
+from twin.validation import did_you_mean, explain, models_of
 from twin.world import MachineConfig, SoilConfig, TerrainConfig
 from twin.world.terrain import FileTerrain
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST_EXTENDS = 5
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _LARGEST_RECORDING_BYTES = 4e9
 
 Table = dict[str, Any]
@@ -60,23 +61,36 @@ class Check(Config):
     max: float | None = None
     """Largest value allowed."""
     ratio_to: str | None = None
-    """Another metric to divide by."""
+    """Another metric to divide by; under stress member by member."""
     min_ratio: float | None = None
     """Smallest ratio allowed."""
     max_ratio: float | None = None
     """Largest ratio allowed."""
     percentile: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
-    """Under stress: this percentile over the members has to hold (in a single run the value itself)."""
+    """Under stress: this share of the members has to keep it (in a single run the run itself)."""
     confidence: Probability | None = None
     """Under stress: with this confidence."""
+    stress_only: bool = False
+    """Judge only under stress: for statements about a distribution that a single run need not keep."""
 
     @model_validator(mode="after")
     def _says_something(self) -> Self:
         if (self.ratio_to is None) != (self.min_ratio is None and self.max_ratio is None):
             raise ValueError("ratio_to goes with min_ratio or max_ratio")
+        if self.confidence is not None and self.percentile is None:
+            raise ValueError("confidence goes with a percentile")
         if self.min is None and self.max is None and self.ratio_to is None:
             raise ValueError("a check needs min, max, or ratio_to with min_ratio or max_ratio")
         return self
+
+
+class LossConfig(Config):
+    """When something is missing."""
+
+    from_s: NonNegative
+    """Begin of the loss."""
+    to_s: Positive
+    """End of the loss."""
 
 
 class ScoringConfig(Config):
@@ -88,6 +102,8 @@ class ScoringConfig(Config):
     """Row units that count where no row is named; all if not given."""
     turning_rad_s: Annotated[float, Field(gt=0.0)] = 0.05
     """True yaw rate beyond which the machine is said to be turning."""
+    loss: LossConfig | None = None
+    """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
 
@@ -131,10 +147,8 @@ class Scenario(Config):
     @classmethod
     def _plain_names(cls, value: dict[str, Any]) -> dict[str, Any]:
         for name in value:
-            try:
-                paths.plain_name(name, what="name")
-            except BadInputError as error:
-                raise ValueError(str(error)) from None
+            if not _NAME.match(name) or name == "truth":
+                raise ValueError(f"name {name!r}: expected letters, digits and '_' (and not 'truth')")
         return value
 
     @model_validator(mode="after")
@@ -146,6 +160,15 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        return self
+
+    @model_validator(mode="after")
+    def _rates_divide(self) -> Self:
+        rates = {"recording.truth_hz": self.recording.truth_hz}
+        rates |= {f"estimators.{name}.rate_hz": estimator.rate_hz for name, estimator in self.estimators.items()}
+        for key, rate_hz in rates.items():
+            if not (self.world.physics_hz / rate_hz).is_integer():
+                raise ValueError(f"{key} = {rate_hz:g} does not divide the physics rate {self.world.physics_hz:g} Hz")
         return self
 
     @model_validator(mode="after")
@@ -172,10 +195,13 @@ class Scenario(Config):
     @property
     def loss_window_s(self) -> tuple[float, float] | None:
         """From when until when the sensors' faults act (the first beginning, the last end), s; None without any."""
+        if self.scoring.loss is not None:
+            return self.scoring.loss.from_s, self.scoring.loss.to_s
         windows = [
             (fault.from_s, self.duration_s if fault.to_s is None else fault.to_s)
             for sensor in self.sensors.values()
             for fault in sensor.faults
+            if fault.inside is None and fault.near is None
         ]
         return (min(begin for begin, _ in windows), max(end for _, end in windows)) if windows else None
 
@@ -208,9 +234,7 @@ class LoadedScenario:
 
 def unknown(given: str, allowed: Sequence[str] | Mapping[str, Any], what: str) -> str:
     """Say that a name is not known, with the nearest one and all that are."""
-    near = difflib.get_close_matches(given, list(allowed), n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"unknown {what} {given!r}{hint} (there are {', '.join(sorted(allowed)) or 'none'})"
+    return f"unknown {what} {given!r}{did_you_mean(given, allowed)} (there are {', '.join(sorted(allowed)) or 'none'})"
 
 
 # --- finding ---------------------------------------------------------------------------------------------------------

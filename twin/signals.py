@@ -41,10 +41,6 @@ VELOCITY = ("velocity_e_m_s", "velocity_n_m_s", "velocity_u_m_s")
 HEADING = "heading_rad"
 SPEED = "speed_m_s"
 YAW_RATE = "yaw_rate_rad_s"
-HEIGHT = "height_m"
-
-ANGLE_SUFFIX = "_rad"
-"""Columns that end so and name a direction wrap; see :func:`wraps`."""
 
 _WRAPPING = frozenset({HEADING, "course_rad", "roll_rad", "pitch_rad"})
 

@@ -24,6 +24,7 @@ from twin.members import Tape
 from twin.recording import Stream
 from twin.scenario import LoadedScenario, load, parse_setting
 from twin.scoring.checks import require_known
+from twin.scoring.consistency import NIS_PREFIX
 from twin.scoring.envelopes import Envelope
 from twin.scoring.metrics import Scorer, metric_names, motion_metrics
 from twin.signals import NS_PER_S, FloatArray, IntArray
@@ -75,7 +76,9 @@ class TaskResult:
     """What the machine did: the same for all members."""
     envelopes: dict[str, Envelope]
     nees: dict[str, tuple[IntArray, FloatArray]]
-    """By estimator: times (T,) and mean NEES over the members (T,)."""
+    """By estimator: times (T,) and NEES of the first member (T,)."""
+    nis: dict[str, tuple[float, int]]
+    """By ``<estimator>.<column>``: sum and number of the first member's NIS."""
     states: dict[str, int]
     """By estimator: number of states of its covariance."""
     ended_reason: str = "duration"
@@ -148,6 +151,7 @@ def run_task(plan: Plan, point: int, world: int) -> TaskResult:
         motion={name: float(value[0]) for name, value in motion_metrics(truth, scenario).items()},
         envelopes={},
         nees={},
+        nis={},
         states={},
         ended_reason=reason,
         ended_t_s=ended_t_s,
@@ -157,7 +161,7 @@ def run_task(plan: Plan, point: int, world: int) -> TaskResult:
     for first in range(0, plan.runs, BLOCK):
         runs = range(first, min(first + BLOCK, plan.runs))
         pieces.append(_score_block(loaded, truth, tape, runs, watcher))
-    watcher.finish()
+        watcher.first_block = False
     result.metrics = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     result.wall_s = {"world": simulated - started, "members": time.perf_counter() - simulated}
     return result
@@ -180,38 +184,34 @@ def _score_block(
 
 
 class _Watcher:
-    """Collects envelopes and NEES over all members of a task."""
+    """Collects envelopes over all members of a task, NEES and NIS of its first."""
 
     def __init__(self, truth: Stream, result: TaskResult) -> None:
         self._instants = truth.t_ns[truth.t_ns % _ENVELOPE_PERIOD_NS == 0]
         self._result = result
-        self._sums: dict[str, dict[int, tuple[float, int]]] = {}
+        self.first_block = True
 
     def note_states(self, states: dict[str, int]) -> None:
         self._result.states = states
 
     def take(self, name: str, t_ns: IntArray, values: FloatArray) -> None:
-        if name.endswith(".nees"):
-            self._take_nees(name.removesuffix(".nees"), t_ns, values)
+        estimator, _, signal = name.partition(".")
+        if signal == "nees" or signal.startswith(NIS_PREFIX):
+            if self.first_block:
+                self._take_first(estimator, signal, t_ns, values[:, 0])
             return
         if name not in self._result.envelopes:
             self._result.envelopes[name] = Envelope.at(self._instants)
         self._result.envelopes[name].add(t_ns, values)
 
-    def _take_nees(self, name: str, t_ns: IntArray, values: FloatArray) -> None:
-        sums = self._sums.setdefault(name, {})
-        for instant, row in zip(t_ns.tolist(), values, strict=True):
-            known = row[~np.isnan(row)]
-            total, count = sums.get(instant, (0.0, 0))
-            sums[instant] = (total + float(known.sum()), count + len(known))
-
-    def finish(self) -> None:
-        for name, sums in self._sums.items():
-            known = {t_ns: total / count for t_ns, (total, count) in sorted(sums.items()) if count}
-            self._result.nees[name] = (
-                np.array(list(known), dtype=np.int64),
-                np.array(list(known.values()), dtype=np.float64),
-            )
+    def _take_first(self, estimator: str, signal: str, t_ns: IntArray, values: FloatArray) -> None:
+        known = ~np.isnan(values)
+        if signal == "nees":
+            times, before = self._result.nees.get(estimator, (np.empty(0, dtype=np.int64), np.empty(0)))
+            self._result.nees[estimator] = np.append(times, t_ns[known]), np.append(before, values[known])
+        else:
+            total, count = self._result.nis.get(f"{estimator}.{signal}", (0.0, 0))
+            self._result.nis[f"{estimator}.{signal}"] = total + float(values[known].sum()), count + int(known.sum())
 
 
 # --- all tasks -------------------------------------------------------------------------------------------------------

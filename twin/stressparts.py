@@ -18,6 +18,7 @@ import numpy as np
 from twin.errors import BadInputError
 from twin.scenario import LoadedScenario
 from twin.scoring.envelopes import Envelope
+from twin.scoring.verdict import versions
 from twin.stress import Plan, TaskResult
 
 
@@ -25,8 +26,16 @@ class Parts:
     """The finished tasks of one plan below a folder."""
 
     def __init__(self, folder: Path, plan: Plan, loaded: LoadedScenario) -> None:
-        told = [loaded.sha256, plan.runs, plan.seeds, [[list(map(str, pair)) for pair in p] for p in plan.points]]
+        told = [
+            versions(),
+            loaded.sha256,
+            plan.runs,
+            plan.seeds,
+            [[list(map(str, pair)) for pair in p] for p in plan.points],
+        ]
         digest = hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+        self.digest = digest
+        """Tells one plan from another."""
         self._folder = folder / f".stress-{digest}"
         self._plan = plan
 
@@ -47,6 +56,7 @@ class Parts:
             arrays |= {f"times/{name}": envelope.t_ns, f"counts/{name}": envelope.counts}
         for name, (t_ns, values) in result.nees.items():
             arrays |= {f"nees_t/{name}": t_ns, f"nees/{name}": values}
+        arrays |= {f"nis/{name}": np.array(pair) for name, pair in result.nis.items()}
         arrays |= {f"wall/{name}": np.array(value) for name, value in result.wall_s.items()}
         arrays["reason"], arrays["ended_t_s"] = np.array(result.ended_reason), np.array(result.ended_t_s)
         partial = self._file(task).with_suffix(".partial.npz")
@@ -83,6 +93,7 @@ def _result(arrays: dict[str, Any]) -> TaskResult:
         motion={name: float(value) for name, value in below("motion/").items()},
         envelopes={name: Envelope(t_ns=t_ns, counts=counts[name]) for name, t_ns in below("times/").items()},
         nees={name: (t_ns, nees[name]) for name, t_ns in below("nees_t/").items()},
+        nis={name: (float(total), int(count)) for name, (total, count) in below("nis/").items()},
         states={name: int(value) for name, value in below("states/").items()},
         ended_reason=str(arrays["reason"]),
         ended_t_s=float(arrays["ended_t_s"]),

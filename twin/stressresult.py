@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,14 +17,20 @@ import pyarrow.parquet as pq
 
 from twin.scenario import LoadedScenario
 from twin.scoring.checks import Outcome
-from twin.scoring.ensemble import QUANTILES, Consistency, judge_ensemble, nees_over_worlds, quantiles
+from twin.scoring.ensemble import (
+    QUANTILES,
+    Consistency,
+    judge_ensemble,
+    nees_over_worlds,
+    nis_over_worlds,
+    quantiles,
+)
 from twin.scoring.envelopes import Envelope
 from twin.scoring.verdict import SCHEMA, versions
 from twin.signals import NS_PER_S, FloatArray
 from twin.stress import Plan, TaskResult
 
 _WORST = 3
-_NEVER = math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +53,7 @@ class Point:
     motion: dict[str, FloatArray]
     """(W,) by metric."""
     envelopes: dict[str, Envelope]
-    consistency: dict[str, Consistency]
+    consistency: dict[str, list[Consistency]]
     outcomes: list[Outcome]
     worst: list[Worst]
 
@@ -102,9 +111,7 @@ def _point_json(point: Point) -> dict[str, object]:
         "metrics": metrics,
         "checks": [outcome.as_json() for outcome in point.outcomes],
         "consistency": {
-            name: {"nees": found.mean, "states": found.states, "low": found.low, "high": found.high,
-                   "inside": found.inside, "worlds": found.worlds}
-            for name, found in point.consistency.items()
+            name: [dataclasses.asdict(each) for each in found] for name, found in point.consistency.items()
         },
         "worst": [
             {"estimator": worst.estimator, "metric": worst.metric, "value": _number(worst.value),
@@ -148,21 +155,29 @@ def _merge_point(loaded: LoadedScenario, plan: Plan, settings: dict[str, Any], t
                 envelopes[name] = Envelope.at(envelope.t_ns)
             if len(envelopes[name].t_ns) == len(envelope.t_ns):
                 envelopes[name].merge(envelope)
-    found = {
-        name: nees_over_worlds([task.nees[name] for task in tasks if name in task.nees], states)
-        for name, states in tasks[0].states.items()
-        if states
-    }
     judged = {**{name: np.repeat(value[:, np.newaxis], plan.runs, axis=1) for name, value in motion.items()}, **table}
     return Point(
         settings=settings,
         table=table,
         motion=motion,
         envelopes=envelopes,
-        consistency={name: value for name, value in found.items() if value is not None},
+        consistency=_consistency(tasks),
         outcomes=judge_ensemble(loaded.scenario, judged),
         worst=_worst_members(loaded, plan, settings, table),
     )
+
+
+def _consistency(tasks: list[TaskResult]) -> dict[str, list[Consistency]]:
+    """NEES and every kind of NIS of each estimator, over the worlds."""
+    found: dict[str, list[Consistency]] = {}
+    for name, states in tasks[0].states.items():
+        nees = nees_over_worlds([task.nees[name] for task in tasks if name in task.nees], states) if states else None
+        columns = [key.partition(".")[2] for key in tasks[0].nis if key.partition(".")[0] == name]
+        nis = [nis_over_worlds(column, [task.nis[f"{name}.{column}"] for task in tasks]) for column in columns]
+        known = [value for value in (nees, *nis) if value is not None]
+        if known:
+            found[name] = known
+    return found
 
 
 def headline_metrics(loaded: LoadedScenario, names: list[str]) -> list[str]:
@@ -201,9 +216,12 @@ def _worst_members(
 
 
 def _command(loaded: LoadedScenario, plan: Plan, settings: Mapping[str, Any], seed: int, run: int) -> str:
-    changes = "".join(f" --set {key}={value}" for key, value in [*plan.settings, *settings.items()])
-    what = loaded.name if loaded.bundled else str(loaded.path)
-    return f"twin run {what} --seed {seed} --run {run}{changes}"
+    words = ["twin", "run", loaded.name if loaded.bundled else str(loaded.path), "--seed", str(seed), "--run", str(run)]
+    for key, value in [*plan.settings, *settings.items()]:
+        # Numbers, text, booleans and arrays are written alike in JSON and TOML.
+        literal = json.dumps(value)
+        words += ["--set", f"{key}={literal}"]
+    return shlex.join(words)
 
 
 # --- files -----------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import types
+from collections.abc import Iterable
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -29,7 +30,7 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
     if detail["type"] == "union_tag_invalid":
         context = detail.get("ctx", {})
         given, allowed = str(context.get("tag")), str(context.get("expected_tags")).replace("'", "")
-        return f"{key}: unknown kind {given!r}{_near(given, allowed.split(', '))} (there are {allowed})"
+        return f"{key}: unknown kind {given!r}{did_you_mean(given, allowed.split(', '))} (there are {allowed})"
     message = detail["msg"].removeprefix("Value error, ")
     if detail["type"] == "value_error":
         return f"{key}: {message}" if keys else message
@@ -40,12 +41,13 @@ def _unknown_key(keys: list[str], types_on_the_way: list[Any]) -> str:
     allowed: list[str] = []
     for model in models_of(types_on_the_way[-1]):
         allowed += [name for name in model.model_fields if name not in allowed]
-    hint = _near(keys[-1], allowed)
+    hint = did_you_mean(keys[-1], allowed)
     return f"{'.'.join(keys)}: unknown key{hint} (allowed here: {', '.join(allowed)})"
 
 
-def _near(given: str, allowed: list[str]) -> str:
-    near = difflib.get_close_matches(given, allowed, n=1)
+def did_you_mean(given: str, allowed: Iterable[str]) -> str:
+    """``; did you mean 'x'?`` where something allowed is near to what was given, else nothing."""
+    near = difflib.get_close_matches(given, list(allowed), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from twin.control.driver import Driver
 from twin.recording import Recording
 from twin.scenario import loads
-from twin.world.terrain import build_terrain
+from twin.world.terrain import build_terrain, wanted_extent
 from viz.scene import Scene
-
-_MARGIN_M = 10.0
 
 
 def scene_of(recording: Recording) -> Scene:
     """Machine, ground and planned path of a recording.
 
     The ground is the recording's own if it is still in memory; a recording read from disk gets it made again from
-    scenario and seed.
+    scenario and seed (a terrain file has to lie in the current folder then).
 
     Raises:
         BadInputError: the recording's scenario cannot be read, or its terrain file is not there any more.
@@ -31,9 +31,8 @@ def scene_of(recording: Recording) -> Scene:
     path = driver.path.polyline()
     terrain = recording.terrain
     if terrain is None:
-        west, south = path.min(axis=0) - _MARGIN_M - machine.reach_m
-        east, north = path.max(axis=0) + _MARGIN_M + machine.reach_m
-        terrain = build_terrain(scenario.terrain, seed=recording.seed, extent=(west, south, east, north))
+        extent = wanted_extent(np.vstack([path, machine.vehicle_start[:2]]), machine.reach_m)
+        terrain = build_terrain(scenario.terrain, seed=recording.seed, extent=extent)
     return Scene(
         urdf=machine.asset,
         heights=terrain.heights,

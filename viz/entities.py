@@ -124,6 +124,7 @@ PLANNED_COLOUR: Colour = (250, 225, 130)
 
 CALM_COLOUR: Colour = (52, 60, 66)
 TURN_COLOUR: Colour = (140, 85, 165)
+FAULT_COLOUR: Colour = (190, 60, 60)
 _STRAIGHT_COLOUR: Colour = (70, 120, 70)
 _OTHER_COLOUR: Colour = (110, 95, 80)
 

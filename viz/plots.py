@@ -28,7 +28,13 @@ _TITLES = {
 }
 _DRAWN = ("row_speed_m_s", "row_position_m", "position_m", "heading_deg")
 _SMALLEST_SHOWN = 1e-3
-_STYLE: Any = {"axes.grid": True, "grid.alpha": 0.3, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9}
+_STYLE: Any = {
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "font.size": 9,
+}
 
 
 def draw_stress(result: StressResult, folder: Path) -> list[Path]:

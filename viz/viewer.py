@@ -25,7 +25,7 @@ _SPEC = find_spec("rerun_cli")
 BINARY = Path(_SPEC.origin if _SPEC is not None and _SPEC.origin is not None else "").with_name("rerun")
 
 _START_LIMIT_S = 30.0
-_SETTLE_LIMIT_S = 30.0
+_SETTLE_LIMIT_S = 60.0
 _POLL_S = 0.05
 _SEEK_S = 0.15
 _DYING_S = 2.0

@@ -16,6 +16,7 @@ IMU_ROWS = (1, 4, 5, 8)
 IMUS = tuple(f"imu_{row}" for row in IMU_ROWS)
 IMU_COLUMNS = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 GNSS_COLUMNS = ("position_e_m", "position_n_m", "position_u_m", "speed_m_s", "course_rad")
+REPORTS = ("sigma_e_m", "sigma_n_m", "sigma_u_m", "quality", "satellites", "hdop", "vdop", "age_s")
 
 
 def imu_info(name: str, xyz_m: tuple[float, float, float], **changes: object) -> SensorInfo:
@@ -32,6 +33,18 @@ def sensors(*, radar: bool = True, gnss: bool = False, radar_y: float = 0.0, gns
         mount = Mount(body="planter", xyz_m=(gnss_xy[0], gnss_xy[1], 2.0))
         infos.append(SensorInfo(name="gnss", kind="gnss", columns=GNSS_COLUMNS, mount=mount, rate_hz=10.0))
     return {info.name: info for info in infos}
+
+
+def receiver(name: str, *, position_noise_m: float | None = 0.01, **changes: object) -> SensorInfo:
+    """A GNSS receiver of 10 Hz above the reference that reports sigmas and quality."""
+    sheet = {} if position_noise_m is None else {"position_noise_m": position_noise_m}
+    keys = {"kind": "gnss", "columns": GNSS_COLUMNS + REPORTS, "mount": Mount(body="planter", xyz_m=(0.0, 0.0, 2.0))}
+    return SensorInfo(**{"name": name, "rate_hz": 10.0, "datasheet": sheet, **keys, **changes})  # type: ignore[arg-type]
+
+
+def accosat_info() -> SensorInfo:
+    mount = Mount(body="planter", xyz_m=(0.2, 0.0, 0.6))
+    return SensorInfo(name="accosat", kind="accosat", columns=("speed_m_s", "pulses"), mount=mount, rate_hz=25.0)
 
 
 def make_setup(
@@ -76,6 +89,21 @@ def radar(t_ns: int, speed, **more) -> Measurement:
 def gnss(t_ns: int, east, north, speed, **more) -> Measurement:
     parts = np.broadcast_arrays(*np.atleast_1d(east, north, 0.0, speed, 0.0))
     return measurement("gnss", t_ns, np.stack(parts, axis=-1), columns=GNSS_COLUMNS, **more)
+
+
+def accosat(t_ns: int, speed: float, **more) -> Measurement:
+    return measurement("accosat", t_ns, np.array([[speed, 0.0]]), columns=("speed_m_s", "pulses"), **more)
+
+
+def report(
+    sensor: str, t_ns: int, east, north, speed, *, sigma_m: object = 0.01, quality: object = 4, **more
+) -> Measurement:
+    """What a receiver sends, quality and sigmas included; anything may be an array over the runs."""
+    parts = np.broadcast_arrays(
+        *np.atleast_1d(east, north, 0.0, speed, 0.0, sigma_m, sigma_m, 0.02, quality, 20.0, 0.7, 1.2, 1.0)
+    )
+    values = np.stack([part.astype(float) for part in parts], axis=-1)
+    return measurement(sensor, t_ns, values, columns=GNSS_COLUMNS + REPORTS, **more)
 
 
 def motion(speed: FloatArray, yaw_rate: FloatArray, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> FloatArray:

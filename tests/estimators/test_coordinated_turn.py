@@ -37,8 +37,8 @@ def finite_differences(function, x: np.ndarray, step: float = 1e-6) -> np.ndarra
 @pytest.mark.parametrize("dt_s", [0.02, 1.0])
 def test_motion_jacobian_equals_finite_differences(dt_s: float) -> None:
     x, u = states(), np.full(len(RATES), 0.7)
-    expected = finite_differences(lambda at: MODEL.f(at, u, dt_s), x)
-    np.testing.assert_allclose(MODEL.F(x, u, dt_s), expected, atol=2e-7)
+    expected = finite_differences(lambda at: MODEL.linearise(at, u, dt_s)[0], x)
+    np.testing.assert_allclose(MODEL.linearise(x, u, dt_s)[1], expected, atol=2e-7)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_motion_is_the_printed_one_where_that_is_defined() -> None:
     x = states()[3:]
     dt, s, phi, omega = 0.02, x[:, 2], x[:, 3], x[:, 4]
     chord = 2.0 * s / omega * np.sin(omega * dt / 2.0)
-    moved = MODEL.f(x, np.zeros(len(x)), dt)
+    moved = MODEL.linearise(x, np.zeros(len(x)), dt)[0]
     np.testing.assert_allclose(moved[:, 0], x[:, 0] + chord * np.cos(phi + omega * dt / 2.0), rtol=1e-13)
     np.testing.assert_allclose(moved[:, 1], x[:, 1] + chord * np.sin(phi + omega * dt / 2.0), rtol=1e-13)
 
@@ -72,7 +72,7 @@ def test_a_full_circle_ends_where_it_began() -> None:
     """The discrete model is exact for constant speed and yaw rate, whatever the step."""
     x = np.array([[3.0, -4.0, 2.5, 0.4, 0.25]])
     for _ in range(100):
-        x = MODEL.f(x, np.zeros(1), 2.0 * np.pi / 0.25 / 100)
+        x = MODEL.linearise(x, np.zeros(1), 2.0 * np.pi / 0.25 / 100)[0]
     np.testing.assert_allclose(x[0, :2], [3.0, -4.0], atol=1e-12)
 
 

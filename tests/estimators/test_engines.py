@@ -38,10 +38,12 @@ def drive(engine, choose, steps: int, seed: int = 0) -> tuple[list, list]:
         z = choose(radar)
         gate = choose(masks[1]) & (innovation(engine, RADAR, z).nis <= 4.0)
         decisions.append(gate)
-        engine.update(RADAR, z, gate)
+        nis = engine.update(RADAR, z, gate)
         if step % 5 == 0:
-            engine.update(ANTENNA, choose(np.array([5.0, -3.0]) + noise[:, 2:]), choose(masks[2]))
-        history.append((engine.x.copy(), engine.P.copy()))
+            reported = choose(np.exp(noise[:, :2]))  # variances (R, 2) that differ from member to member
+            z = choose(np.array([5.0, -3.0]) + noise[:, 2:])
+            nis = engine.update(ANTENNA, z, choose(masks[2]), reported)
+        history.append((engine.x.copy(), engine.P.copy(), nis))
     return history, decisions
 
 
@@ -54,9 +56,10 @@ def test_filterpy_equals_a_member_of_the_ensemble(member: int) -> None:
     many, chosen = drive(EnsembleEngine(*start(7)), lambda a: a, 2000)
     one, alone = drive(make_engine("filterpy", *start(1)), lambda a: a[member : member + 1], 2000)
     rejected = 0
-    for (x, P), (x1, P1), gate, gate1 in zip(many, one, chosen, alone, strict=True):
+    for (x, P, nis), (x1, P1, nis1), gate, gate1 in zip(many, one, chosen, alone, strict=True):
         assert_equal_enough(x1[0], x[member])
         assert_equal_enough(P1[0], P[member])
+        np.testing.assert_allclose(nis1[0], nis[member], rtol=1e-9, atol=1e-9)
         assert gate[member] == gate1[0]
         rejected += not gate1[0]
     assert rejected > 400  # about 20 % lost and 5 % gated of 2000: the gate and the masks were at work
@@ -65,7 +68,7 @@ def test_filterpy_equals_a_member_of_the_ensemble(member: int) -> None:
 def test_one_run_ensemble_equals_a_member() -> None:
     many, _ = drive(EnsembleEngine(*start(7)), lambda a: a, 500)
     one, _ = drive(EnsembleEngine(*start(1)), lambda a: a[5:6], 500)
-    for (x, P), (x1, P1) in zip(many, one, strict=True):
+    for (x, P, _), (x1, P1, _) in zip(many, one, strict=True):
         assert_equal_enough(x1[0], x[5])
         assert_equal_enough(P1[0], P[5])
 
@@ -79,16 +82,17 @@ def test_filterpy_engine_equals_filterpys_own_extended_filter() -> None:
         u = rng.normal(size=1)
         engine.predict(MODEL, u, 0.02)
         x = oracle.x[np.newaxis]
-        oracle.F, oracle.Q = MODEL.F(x, u, 0.02)[0], MODEL.Q(0.02)
+        moved, F = MODEL.linearise(x, u, 0.02)
+        oracle.F, oracle.Q = F[0], MODEL.Q(0.02)
         oracle.P = oracle.F @ oracle.P @ oracle.F.T + oracle.Q
-        oracle.x = MODEL.f(x, u, 0.02)[0]
+        oracle.x = moved[0]
         for seen, z in ((GYRO, rng.normal(size=1)), (ANTENNA, rng.normal(size=2))):
             engine.update(seen, z[np.newaxis], np.array([True]))
             oracle.update(
                 z,
                 lambda at, seen=seen: seen.H(at[np.newaxis]).reshape(-1, 5),
                 lambda at, seen=seen: seen.h(at[np.newaxis])[0],
-                R=seen.R,
+                R=np.diag(seen.R),
             )
         assert_equal_enough(oracle.x, engine.x[0])
         assert_equal_enough(oracle.P, engine.P[0])
@@ -108,11 +112,38 @@ def test_a_masked_update_changes_no_bit(name) -> None:
 @pytest.mark.parametrize(("name", "runs"), [("filterpy", 1), ("ensemble", 7)])
 def test_covariance_stays_symmetric_and_positive(name, runs: int) -> None:
     history, _ = drive(make_engine(name, *start(runs)), lambda a: a[:runs], 1500, seed=5)
-    for _, P in history[::25]:
+    for _, P, _ in history[::25]:
         scale = np.sqrt(np.einsum("rii->ri", P))
         correlation = P / scale[:, :, np.newaxis] / scale[:, np.newaxis, :]
         assert np.abs(correlation - correlation.swapaxes(1, 2)).max() < 1e-10
         assert np.linalg.eigvalsh(correlation).min() > -1e-12
+
+
+@pytest.mark.parametrize("name", ["filterpy", "ensemble"])
+@pytest.mark.parametrize("R", [None, np.array([0.3, 0.7]), np.array([[0.3, 0.7]])])
+def test_an_update_tells_the_innovation_that_gates_look_at(name, R) -> None:
+    engine = make_engine(name, *start(1))
+    engine.predict(MODEL, np.zeros(1), 0.02)
+    z = np.array([[5.7, -2.1]])
+    expected = innovation(engine, ANTENNA, z, R).nis
+    np.testing.assert_allclose(engine.update(ANTENNA, z, np.array([True]), R), expected, rtol=1e-12)
+    assert np.isnan(engine.update(ANTENNA, z, np.array([False]), R)).all()
+
+
+@pytest.mark.parametrize("name", ["filterpy", "ensemble"])
+def test_updates_of_equal_gyros_come_to_one_by_their_mean(name) -> None:
+    """Same H, independent errors: information adds up, so k updates are one with the mean and R / k."""
+    apart, at_once = make_engine(name, *start(1)), make_engine(name, *start(1))
+    rates, everyone = np.array([0.11, 0.102, 0.097, 0.12]), np.array([True])
+    for _ in range(50):
+        for engine in (apart, at_once):
+            engine.predict(MODEL, np.zeros(1), 0.02)
+        for rate in rates:
+            apart.update(GYRO, np.array([[rate]]), everyone)
+        at_once.update(GYRO, np.array([[rates.mean()]]), everyone, GYRO.R / 4)
+    assert_equal_enough(apart.x, at_once.x)
+    assert_equal_enough(apart.P, at_once.P)
+    assert np.abs(apart.P[0, 4, 4] / at_once.P[0, 4, 4] - 1.0) < 1e-9
 
 
 def test_filterpy_engine_refuses_an_ensemble() -> None:
@@ -136,12 +167,11 @@ def test_consistent_with_data_of_its_own_model() -> None:
     nis = {}
     for _ in range(steps):
         u = rng.normal(size=worlds)
-        truth = MODEL.f(truth, u, 0.02) + rng.normal(size=(worlds, 5)) * np.sqrt(Q)
+        truth = MODEL.linearise(truth, u, 0.02)[0] + rng.normal(size=(worlds, 5)) * np.sqrt(Q)
         engine.predict(MODEL, u, 0.02)
         for name, seen in (("gyro", GYRO), ("radar", RADAR), ("antenna", ANTENNA)):
-            z = seen.h(truth) + rng.normal(size=(worlds, len(seen.R))) * np.sqrt(seen.R[0, 0])
-            nis.setdefault(name, []).append(innovation(engine, seen, z).nis)
-            engine.update(seen, z, everyone)
+            z = seen.h(truth) + rng.normal(size=(worlds, len(seen.R))) * np.sqrt(seen.R)
+            nis.setdefault(name, []).append(engine.update(seen, z, everyone))
     error = truth - engine.x
     nees = np.einsum("ri,rij,rj->r", error, np.linalg.inv(engine.P), error).sum()
     assert chi2.ppf(low, 5 * worlds) < nees < chi2.ppf(high, 5 * worlds)

@@ -34,6 +34,7 @@ def test_ratios_hold_within_their_bounds() -> None:
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_is_not_a_number_fails(value: float) -> None:
     assert not _judge({"a": value}, metric="a", max=1.0)
+    assert not _judge({"a": math.nan}, metric="a", min=1.0)
     assert not _judge({"a": 1.0, "b": value}, metric="a", ratio_to="b", min_ratio=0.0)
     assert not _judge({"a": 1.0, "b": 0.0}, metric="a", ratio_to="b", max_ratio=2.0)
 
@@ -42,6 +43,12 @@ def test_a_check_on_an_unknown_metric_names_the_nearest() -> None:
     scenario = resolve(small_scenario(checks=[{"metric": "central.position.rms_m", "max": 1.0}]), where="test")
     with pytest.raises(BadInputError, match=r"file: checks.0.metric: .*did you mean 'central.position.rmse_m'"):
         require_known(scenario, ["central.position.rmse_m"], where="file")
+
+
+def test_never_keeps_a_minimum() -> None:
+    assert _judge({"a": math.inf}, metric="a", min=28.0)
+    assert Baseline(math.inf).holds(math.inf)
+    assert not Baseline(math.inf).holds(30.0)
 
 
 def test_a_baseline_holds_within_its_tolerance_and_only_there() -> None:

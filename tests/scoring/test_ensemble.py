@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.small_scenario import small_scenario
 from twin.scenario import resolve
-from twin.scoring.ensemble import bound, judge_ensemble, nees_over_worlds, quantiles
+from twin.scoring.ensemble import bound, judge_ensemble, nees_over_worlds, nis_over_worlds, quantiles
 from twin.scoring.envelopes import Envelope
 
 
@@ -23,7 +24,7 @@ def test_envelope_quantiles_are_those_of_the_errors_within_a_bin() -> None:
     halves[0].merge(halves[1])
     np.testing.assert_array_equal(envelope.counts, halves[0].counts)
     for fraction in (0.05, 0.5, 0.95):
-        # Half a bin of a fiftieth of a decade: 10 ** (1 / 100) - 1 = 2.3 %.
+        # One bin of a fiftieth of a decade: 10 ** (1 / 50) - 1 = 4.7 %.
         np.testing.assert_allclose(envelope.quantile(fraction), np.quantile(errors, fraction, axis=1), rtol=0.047)
 
 
@@ -41,15 +42,23 @@ def test_quantiles_count_never_as_the_largest_and_leave_out_the_unknown() -> Non
 
 
 @pytest.mark.parametrize("upper", [True, False])
-def test_the_order_statistic_covers_the_quantile_with_its_confidence(upper: bool) -> None:
+@pytest.mark.parametrize("worlds", [1, 100])
+def test_a_bound_covers_what_it_speaks_of_with_its_confidence(upper: bool, worlds: int) -> None:
     rng = np.random.default_rng(2)
-    trials, members, fraction, confidence = 3000, 200, 0.9, 0.95
-    truth = -math.log(1.0 - fraction)
-    bounds = [bound(rng.exponential(size=(1, members)), 100 * fraction, confidence, upper=upper) for _ in range(trials)]
-    covered = np.mean([value >= truth if upper else value <= truth for value in bounds])
-    # At least the confidence (the law is discrete); four standard errors of 3000 trials are 0.016.
-    assert covered >= confidence - 0.016
-    assert covered <= 0.99
+    trials, members, fraction, confidence = 1000, 200, 0.9, 0.95
+    covered = 0
+    for _ in range(trials):
+        if worlds == 1:
+            values = rng.normal(size=(1, members))
+            truth = stats.norm.ppf(fraction)
+        else:
+            # Twenty members a world, shifted together: the 90 % quantile of a world is its shift and 1.28 of 0.1.
+            values = rng.normal(size=(worlds, 1)) + 0.1 * rng.normal(size=(worlds, 20))
+            truth = stats.norm.ppf(fraction)
+        found = bound(values, 100 * fraction, confidence, upper=upper)
+        covered += found >= truth if upper else found <= -truth
+    # At least the confidence (the law is discrete); four standard errors of 1000 trials are 0.028.
+    assert covered / trials >= confidence - 0.028
 
 
 def test_too_few_members_for_a_confidence_fail_the_check() -> None:
@@ -68,13 +77,40 @@ def test_members_without_a_value_fail_the_check() -> None:
     assert judge_ensemble(scenario, {"a": np.array([[0.1, 0.1, 0.2]])})[0].ok
 
 
-def test_over_worlds_the_bound_is_wider_than_if_members_were_independent() -> None:
-    rng = np.random.default_rng(3)
-    # Each world shifts all its members: 20 worlds of 50 members are worth little more than 20 members.
-    values = 1.0 + 0.1 * rng.normal(size=(20, 50)) + rng.normal(size=(20, 1))
-    over_worlds = bound(values, 50.0, 0.95, upper=True)
-    as_if_independent = bound(values.reshape(1, -1), 50.0, 0.95, upper=True)
-    assert over_worlds > as_if_independent > np.median(values)
+def test_a_minimum_is_kept_by_at_least_the_percentile_of_the_members() -> None:
+    values = np.arange(100.0)[np.newaxis]
+    for percentile, minimum, holds in ((95.0, 4.0, True), (95.0, 7.0, False), (5.0, 94.0, True), (5.0, 97.0, False)):
+        check = {"metric": "a", "min": minimum, "percentile": percentile}
+        scenario = resolve(small_scenario(checks=[check]), where="test")
+        assert judge_ensemble(scenario, {"a": values})[0].ok is holds, check
+
+
+def test_ratios_are_taken_member_by_member() -> None:
+    base = np.array([[1.0, 10.0, 100.0]])
+    check = {"metric": "a", "ratio_to": "b", "max_ratio": 0.5, "percentile": 100.0}
+    scenario = resolve(small_scenario(checks=[check]), where="test")
+    assert judge_ensemble(scenario, {"a": 0.5 * base, "b": base})[0].ok
+    assert not judge_ensemble(scenario, {"a": 0.5 * base[:, ::-1], "b": base})[0].ok
+
+
+def test_never_keeps_a_minimum_and_breaks_a_maximum() -> None:
+    never = {"a": np.full((1, 3), math.inf)}
+    assert judge_ensemble(resolve(small_scenario(checks=[{"metric": "a", "min": 28.0}]), where="test"), never)[0].ok
+    assert not judge_ensemble(resolve(small_scenario(checks=[{"metric": "a", "max": 28.0}]), where="test"), never)[0].ok
+
+
+def test_nis_over_worlds_is_held_to_its_degrees_of_freedom() -> None:
+    rng = np.random.default_rng(5)
+    sums = [(float(rng.chisquare(2, size=500).sum()), 500) for _ in range(20)]
+    found = nis_over_worlds("nis_gnss_position", sums)
+    assert found is not None
+    assert found.degrees == 2
+    assert found.inside == 1.0
+    # 10 000 values of chi2(2): mean 2, standard error 0.02.
+    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.02, rel=0.02)
+    wrong = nis_over_worlds("nis_gnss_position", [(1.1 * total, count) for total, count in sums])
+    assert wrong is not None
+    assert wrong.inside == 0.0
 
 
 def test_a_consistent_filter_is_inside_its_nees_bounds_and_an_overconfident_one_is_not() -> None:

@@ -147,3 +147,16 @@ def test_time_to_a_limit_counts_from_the_loss(recording: Recording) -> None:
     # In the window 40 s: 20 turning with 0.5, 20 straight with 0.1; after it only 0.1.
     assert found["one.row_speed.mean_abs_error_loss_m_s"] == pytest.approx(0.3)
     assert found["one.row_speed.mean_abs_error_after_m_s"] == pytest.approx(0.1)
+
+
+def test_an_error_that_is_not_known_is_no_error_kept_for_ever(recording: Recording) -> None:
+    faults = {"radar": {"faults": [{"kind": "outage", "from_s": 50.0, "to_s": 90.0}]}}
+    scoring = {"from_s": 50.0, "rows": [1], "limits": {"row_speed": 0.3}}
+    recording.scenario_toml = small_scenario_toml(scoring=scoring, sensors=faults, duration_s=100.0)
+    estimate = recording.estimates("one")
+    row = estimate.columns.index("row_speed_1_m_s")
+    # Unknown only after the first excess at 60 s: the time stands. Unknown before it: nobody can say.
+    estimate.values[int(70 / 0.02) :, :, row] = np.nan
+    assert score(recording).metrics["one.row_speed.time_to_limit_s"] == pytest.approx(10.0)
+    estimate.values[int(55 / 0.02), :, row] = np.nan
+    assert math.isnan(score(recording).metrics["one.row_speed.time_to_limit_s"])

@@ -178,7 +178,7 @@ def test_events_keep_time_level_and_text(written: Written) -> None:
 def test_every_view_has_content(written: Written) -> None:
     views = stored_views(written.path)
     assert {view.kind for view in views} == {"3D", "TimeSeries", "StateTimeline", "TextLog", "TextDocument"}
-    assert len(views) == 11
+    assert len(views) == 13
     assert empty_views(written.path) == []
 
 

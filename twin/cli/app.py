@@ -21,6 +21,9 @@ Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key, as driver.speed_m_s=3.0.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json objects as an array, and nothing else.")]
+Plugins = Annotated[
+    list[str] | None, typer.Option(help="Add your own estimator: package.module:Class, or a registered name.")
+]
 Out = Annotated[Path, typer.Option(help="Folder for the results.")]
 
 
@@ -33,9 +36,7 @@ def run(  # noqa: PLR0917  (typer makes options of them)
     out: Out = Path("runs"),
     rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer.")] = True,
     junit: Annotated[Path | None, typer.Option(help="Write a JUnit report to this file.")] = None,
-    estimator: Annotated[
-        list[str] | None, typer.Option(help="Add your own estimator: package.module:Class, or a registered name.")
-    ] = None,
+    estimator: Plugins = None,
     update_baselines: Annotated[bool, typer.Option(help="Rewrite the baselines that moved.")] = False,
     full_rate: Annotated[bool, typer.Option("--full-rate", help="Keep the truth of every physics step.")] = False,
     as_json: Json = False,
@@ -98,12 +99,13 @@ def stress(  # noqa: PLR0917  (typer makes options of them)
 def replay(
     folder: Annotated[Path, typer.Argument(help="A run folder.")],
     settings: Settings = None,
+    estimator: Plugins = None,
     as_json: Json = False,
 ) -> int:
     """Run the estimators again over recorded measurements, without the world."""
     from twin.cli.replaying import replay_folder  # noqa: PLC0415
 
-    return replay_folder(folder, settings=tuple(settings or ()), as_json=as_json)
+    return replay_folder(folder, settings=tuple(settings or ()), estimators=tuple(estimator or ()), as_json=as_json)
 
 
 @app.command()

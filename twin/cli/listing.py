@@ -13,7 +13,7 @@ from twin.sensors.presets import preset_files
 
 def print_lists() -> None:
     """Scenarios with their titles, sensor presets with what they are, and the kinds of everything."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     scenarios = Table("scenario", "title", title="Scenarios")
     for name, path in bundled().items():
         table = read_toml(path)

@@ -11,6 +11,7 @@ import tomli_w
 
 from twin.cli import EXIT_FAILED, EXIT_OK
 from twin.cli.report import Reporter
+from twin.cli.running import load_plugins
 from twin.errors import BadInputError
 from twin.recording import Recording
 from twin.replay import differing, replay
@@ -40,16 +41,20 @@ def score_folder(folder: Path, *, as_json: bool) -> int:
     return EXIT_OK if verdict.verdict == "pass" else EXIT_FAILED
 
 
-def replay_folder(folder: Path, *, settings: Sequence[str], as_json: bool) -> int:
+def replay_folder(folder: Path, *, settings: Sequence[str], estimators: Sequence[str], as_json: bool) -> int:
     """Estimators over the measurements of a run folder; without ``--set`` they must be the run's bit for bit."""
     reporter = Reporter(quiet=as_json)
     recorded = read_recording(folder)
-    replayed = replay(recorded, scenario_toml=_changed(recorded, settings) if settings else None)
+    toml = _changed(recorded, settings) if settings else None
+    replayed = replay(recorded, scenario_toml=toml, plugins=load_plugins(estimators))
     verdict = score(replayed)
     _report(replayed, verdict, folder, reporter, as_json=as_json)
     if settings:
         return EXIT_OK if verdict.verdict == "pass" else EXIT_FAILED
-    differences = differing(recorded, replayed)
+    left_out = [name for name in recorded.names("estimates") if name not in replayed.names("estimates")]
+    for name in left_out:
+        reporter.line(f"{name} is not in the scenario and was not replayed; name its class with --estimator")
+    differences = {name: value for name, value in differing(recorded, replayed).items() if name not in left_out}
     for name, difference in differences.items():
         reporter.line(f"replay differs from the run: {name} by up to {difference:.3g}")
     if not differences:

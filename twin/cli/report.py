@@ -34,7 +34,7 @@ class Reporter:
     """Prints to standard output; nothing at all where ``quiet`` (for ``--json``)."""
 
     def __init__(self, *, quiet: bool) -> None:
-        self._console = Console(quiet=quiet, highlight=False, soft_wrap=not Console().is_terminal)
+        self._console = Console(quiet=quiet, highlight=False, markup=False, soft_wrap=not Console().is_terminal)
 
     @contextmanager
     def progress(self, loaded: LoadedScenario) -> Iterator[Callable[[float], None]]:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from twin import scenario as scenario_files
-from twin.cli import EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
+from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
 from twin.cli.junit import write_junit
 from twin.cli.report import Reporter
 from twin.errors import BadInputError
@@ -41,10 +41,12 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crash:
-    """A scenario that ended in an error of ours."""
+    """A scenario that could not be run."""
 
     scenario: str
     trace: str
+    bad_input: bool = False
+    """Something the user gave cannot be used (found only when it was built or written)."""
 
 
 def load_all(names: Sequence[str], settings: Sequence[str], *, seed: int | None = None) -> list[LoadedScenario]:
@@ -70,7 +72,7 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
     """Run scenarios one after the other; return the exit code."""
     reporter = Reporter(quiet=options.as_json)
     loaded = load_all(names, options.settings, seed=options.seed)
-    plugins = _plugins(options.estimators)
+    plugins = load_plugins(options.estimators)
     require_writable(options.out)
     if options.junit is not None:
         require_writable(options.junit.parent)
@@ -78,8 +80,9 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
     for item in loaded:
         try:
             finished.append(_run_one(item, options, plugins, reporter))
-        except (BadInputError, KeyboardInterrupt):
-            raise
+        except BadInputError as error:
+            print(f"error: {error}", file=sys.stderr)
+            finished.append(Crash(scenario=item.name, trace=str(error), bad_input=True))
         except Exception:
             crash = Crash(scenario=item.name, trace=traceback.format_exc())
             print(crash.trace, file=sys.stderr)
@@ -91,12 +94,13 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
         print(json.dumps([verdict.as_json() for verdict in verdicts], indent=1, allow_nan=False))
     elif len(loaded) > 1:
         reporter.summary(finished)
-    if len(verdicts) < len(finished):
-        return EXIT_INTERNAL
+    crashes = [entry for entry in finished if isinstance(entry, Crash)]
+    if crashes:
+        return EXIT_BAD_INPUT if all(crash.bad_input for crash in crashes) else EXIT_INTERNAL
     return EXIT_OK if all(verdict.verdict == "pass" for verdict in verdicts) else EXIT_FAILED
 
 
-def _plugins(names: Sequence[str]) -> dict[str, EstimatorFactory]:
+def load_plugins(names: Sequence[str]) -> dict[str, EstimatorFactory]:
     """Factories of the user's own estimators, by the last part of their names.
 
     Raises:
@@ -104,10 +108,15 @@ def _plugins(names: Sequence[str]) -> dict[str, EstimatorFactory]:
     """
     from twin.estimators import AdaptedEstimator, load_class, load_entry_point  # noqa: PLC0415
 
+    if any(":" in name for name in names):
+        sys.path.insert(0, str(Path.cwd()))  # a module beside the user, which an installed command does not see
     plugins: dict[str, EstimatorFactory] = {}
     for name in names:
         found = load_class(name) if ":" in name else load_entry_point(name)
-        plugins[name.rpartition(":")[2]] = partial(AdaptedEstimator, found)
+        short = name.rpartition(":")[2]
+        if short in plugins:
+            raise BadInputError(f"--estimator {name}: there is already one called {short!r}")
+        plugins[short] = partial(AdaptedEstimator, found)
     return plugins
 
 

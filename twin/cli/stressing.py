@@ -67,7 +67,9 @@ def run_stress(name: str, options: StressOptions) -> int:
     if options.singles:
         timing |= _compare_singles(loaded, plan, results[0, 0].metrics, options.singles, reporter)
     merged = merge_results(loaded, plan, results, timing)
-    folder = options.out / loaded.name / f"stress_seed{plan.seeds[0]}_worlds{options.worlds}_runs{options.runs}"
+    changed = f"_{parts.digest[:8]}" if options.settings or options.vary else ""
+    name = f"stress_seed{plan.seeds[0]}_worlds{options.worlds}_runs{options.runs}{changed}"
+    folder = options.out / loaded.name / name
     pictures = _write(merged, folder)
     parts.remove()
     if options.as_json:
@@ -120,12 +122,8 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         if point.label:
             reporter.line(Text(point.label, style="bold"))
         reporter.table(_distribution(merged, point))
-        for name, found in point.consistency.items():
-            bounds = f"bounds {found.low:.2f} to {found.high:.2f} over {found.worlds} world{'s' * (found.worlds > 1)}"
-            reporter.line(
-                f"NEES {name}: mean {found.mean:.3g} for {found.states} states, {bounds}; "
-                f"inside at {100 * found.inside:.0f} % of the instants"
-            )
+        if point.consistency:
+            reporter.table(_consistency(point))
         for outcome in point.outcomes:
             reporter.line(Text.assemble(tick(outcome.ok), " ", outcome.sentence()))
         for worst in point.worst:
@@ -140,6 +138,18 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         last.append(f": {timing['single_s'] / share:.0f} times faster per member than alone")
     reporter.line(last)
     reporter.line(f"files: {folder} ({', '.join(pictures)}, members.parquet, envelopes.parquet)")
+
+
+def _consistency(point: Point) -> Table:
+    table = Table("estimator", "statistic", title="Consistency over worlds (one member of each)")
+    for heading in ("mean", "expected", "95 % bounds", "inside"):
+        table.add_column(heading, justify="right")
+    for name, found in point.consistency.items():
+        for each in found:
+            inside = f"{100 * each.inside:.0f} %" if each.statistic == "nees" else ("yes" if each.inside else "no")
+            bounds = f"{each.low:.3g} to {each.high:.3g}"
+            table.add_row(name, each.statistic, figure(each.mean), str(each.degrees), bounds, inside)
+    return table
 
 
 def _distribution(merged: StressResult, point: Point) -> Table:

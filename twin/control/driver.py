@@ -24,6 +24,7 @@ from twin.signals import Command, VehicleState
 CONTROL_HZ = 50.0
 _STANDING_M_S = 0.05
 _ARRIVED_M = 0.3
+_LONGEST_PATH_M = 100_000.0
 
 
 class Segment(Config):
@@ -87,6 +88,16 @@ class DriverConfig(Config):
     """Standard deviation of the lateral offset an inattentive driver keeps (first-order Gauss-Markov, 8 s)."""
     path: Annotated[tuple[Segment, ...], Strict(strict=False), Field(min_length=1, max_length=1000)]
     """What the driver does, one segment after the other."""
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Self:
+        length = sum(
+            segment.straight_m or abs(math.radians(segment.turn_deg or 0.0)) * (segment.radius_m or 0.0)
+            for segment in self.path
+        )
+        if length > _LONGEST_PATH_M:
+            raise ValueError(f"path: {length:.3g} m long; at most {_LONGEST_PATH_M:g} m are allowed")
+        return self
 
 
 @dataclass(frozen=True, slots=True)

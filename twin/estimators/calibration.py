@@ -43,13 +43,13 @@ def add_up(per_unit: FloatArray) -> FloatArray:
     return total
 
 
-def mean_of_units(per_unit: FloatArray, present: BoolArray | None) -> tuple[FloatArray, FloatArray | float]:
-    """Mean (R,) of (k, R) over the units that are ``present`` (k, R), 0 without any, and their number, (R,) or plain.
+def mean_of_units(per_unit: FloatArray, present: BoolArray | None) -> tuple[FloatArray, FloatArray]:
+    """Mean (R,) of (k, R) over the units that are ``present`` (k, R), 0 without any, and their number, (R,) or (1,).
 
     ``present`` None says that all are, in every member: the same bits, sooner.
     """
     if present is None:
-        return add_up(per_unit) / len(per_unit), float(len(per_unit))
+        return add_up(per_unit) / len(per_unit), np.array([float(len(per_unit))])
     count = add_up(present.astype(np.float64))
     return add_up(np.where(present, per_unit, 0.0)) / np.maximum(count, 1.0), count
 
@@ -74,8 +74,9 @@ class StandstillCalibration:
         """
         # Norms are counted from standard gravity, so that the sums of squares keep their digits.
         norms = specific_force_norm(readings) - STANDARD_GRAVITY_M_S2
-        usable = np.ones(norms.shape, dtype=np.bool_) if present is None else present
+        usable, full = np.ones((len(units), 1)), np.ones(1)
         if present is not None:
+            usable, full = present.astype(np.float64), np.logical_and.reduce(present, axis=0).astype(np.float64)
             norms = np.where(present, norms, 0.0)
             readings = np.where(present[..., np.newaxis], readings, 0.0)
         if units == self._all_units:
@@ -88,8 +89,7 @@ class StandstillCalibration:
                 self._sum[unit] += readings[place]
                 self._norm_sum[unit] += norms[place]
         if sorted(units) == self._all_units:
-            full = np.logical_and.reduce(usable, axis=0)
-            mean = np.where(full, add_up(norms) / len(units), 0.0)
+            mean = full * (add_up(norms) / len(units))
             self._full_count += full
             self._full_sum += mean
             self._full_square_sum += mean * mean

@@ -52,8 +52,8 @@ def sinc_and_derivative(g: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     square = g * g
     sinc, derivative = 1.0 - square * (1.0 / 6.0 - square / 120.0), g * (square / 30.0 - 1.0 / 3.0)
-    large = square >= _SERIES_LIMIT * _SERIES_LIMIT
-    if large.any():  # a machine that turns faster than 1 rad/s at 50 Hz, or a long gap
+    if square.max() >= _SERIES_LIMIT * _SERIES_LIMIT:  # faster than 1 rad/s at 50 Hz, or a long gap
+        large = square >= _SERIES_LIMIT * _SERIES_LIMIT
         safe = np.where(large, g, 1.0)
         closed = np.sin(safe) / safe
         sinc = np.where(large, closed, sinc)
@@ -76,33 +76,31 @@ class CoordinatedTurn:
         """State after ``dt_s`` under the acceleration ``u`` (R,) in m/s^2, shape (R, 5), and its Jacobian (R, 5, 5)."""
         speed, omega = x[:, S], x[:, OMEGA]
         half_turn = (0.5 * dt_s) * omega
-        direction = x[:, PHI] + half_turn
-        cosine, sine = np.cos(direction), np.sin(direction)
         sinc, derivative = sinc_and_derivative(half_turn)
-        per_speed = dt_s * sinc
-        east_per_speed, north_per_speed = per_speed * cosine, per_speed * sine
-        east, north = speed * east_per_speed, speed * north_per_speed
+        direction = x[:, PHI] + half_turn
+        along = np.array([np.cos(direction), np.sin(direction)])  # east and north, (2, R), and so are the next two
+        per_speed = (dt_s * sinc) * along
+        chord = speed * per_speed
         stretch = (0.5 * dt_s * dt_s) * speed * derivative  # of the chord, with omega
-        jacobian = np.zeros((STATES, STATES, len(x)))  # members fastest, as the engines keep them
-        jacobian[_DIAGONAL, _DIAGONAL] = 1.0
-        jacobian[E, S], jacobian[N, S] = east_per_speed, north_per_speed
-        jacobian[E, PHI], jacobian[N, PHI] = -north, east
-        jacobian[E, OMEGA] = stretch * cosine - (0.5 * dt_s) * north
-        jacobian[N, OMEGA] = stretch * sine + (0.5 * dt_s) * east
+        jacobian = np.empty((STATES, STATES, len(x)))  # members fastest, as the engines keep them
+        jacobian[:] = _IDENTITY
+        jacobian[:2, S] = per_speed
+        jacobian[E, PHI] = -chord[1]
+        jacobian[N, PHI] = chord[0]
+        jacobian[:2, OMEGA] = stretch * along + (0.5 * dt_s) * jacobian[:2, PHI]
         jacobian[PHI, OMEGA] = dt_s
         moved = x.copy(order="K")
-        moved[:, E] += east
-        moved[:, N] += north
+        moved[:, :2] += chord.T
         moved[:, S] += dt_s * u
         moved[:, PHI] += dt_s * omega
         return moved, jacobian.transpose(2, 0, 1)
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
         """Process noise of ``dt_s``, shape (5, 5)."""
-        return self._Q * (dt_s / self._step_s)
+        return self._Q if dt_s == self._step_s else self._Q * (dt_s / self._step_s)
 
 
-_DIAGONAL = np.arange(STATES)
+_IDENTITY: FloatArray = np.eye(STATES)[:, :, np.newaxis]
 
 
 class YawRate:
@@ -181,9 +179,9 @@ def transport(x: FloatArray, P: FloatArray, left_m: float) -> tuple[FloatArray, 
     moved[:, E] -= left_m * sine
     moved[:, N] += left_m * cosine
     moved[:, S] -= left_m * x[:, OMEGA]
-    T = np.zeros((STATES, STATES, len(x)))
-    T[_DIAGONAL, _DIAGONAL] = 1.0
+    T = np.empty((STATES, STATES, len(x)))
+    T[:] = _IDENTITY
     T[E, PHI] = -left_m * cosine
     T[N, PHI] = -left_m * sine
     T[S, OMEGA] = -left_m
-    return moved, np.einsum("ijr,rjk,lkr->ril", T, P, T)
+    return moved, np.einsum("rik,lkr->ril", np.einsum("ijr,rjk->rik", T, P), T)

@@ -46,7 +46,8 @@ class FilterpyEngine:
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move on by ``dt_s``."""
         moved, F = motion.linearise(self.x, u, dt_s)
-        self._filter.predict(F=F[0], Q=motion.Q(dt_s))
+        self._filter.Q = motion.Q(dt_s)
+        self._filter.predict(F=F[0])
         self._filter.x = moved[0]
 
     def update(
@@ -59,14 +60,14 @@ class FilterpyEngine:
         H = observation.H(x)
         if H.ndim == 3:
             H = H[0]
-        linearised = z[0] - observation.h(x)[0] + np.dot(H, x[0])
         variances = observation.R if R is None else R.reshape(-1)
-        inner = self._filter
+        expected, straight, inner = observation.h(x)[0], np.dot(H, x[0]), self._filter
         if len(H) == 1:
-            # filterpy keeps a deep copy of the measurement: of a plain number that costs nothing.
-            inner.inv = np.reciprocal
-            inner.update(linearised.item(), R=variances[:, np.newaxis], H=H)
-            return np.asarray(inner.y * inner.y * inner.SI[0], dtype=np.float64)
-        inner.inv = np.linalg.inv
-        inner.update(linearised, R=np.diag(variances), H=H)
-        return np.atleast_1d(np.asarray(inner.y @ inner.SI @ inner.y, dtype=np.float64))
+            inner.inv, inner.R = np.reciprocal, variances[:, np.newaxis]
+            # Plain numbers: filterpy keeps a deep copy of the measurement, and of them that costs nothing.
+            inner.update(z.item() - expected.item() + straight.item(), H=H)
+            y = inner.y.item()
+            return np.array([y * y * inner.SI.item()])
+        inner.inv, inner.R = np.linalg.inv, np.diag(variances)
+        inner.update(z[0] - expected + straight, H=H)
+        return np.array([inner.y @ inner.SI @ inner.y])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,13 +25,12 @@ STATE_COLUMNS = (POSITION[0], POSITION[1], SPEED, HEADING, YAW_RATE)
 STANDSTILL = "standstill"
 """Diagnostic: 1 where the machine (distributed: the unit nearest the reference) is taken to stand, else 0."""
 
-_MOVED = 3
-"""Transport along the bar changes the first three states: east and north through phi, the speed through omega."""
 _PAIRS = (
     np.array([[E, N, S], [E, N, S], [PHI, PHI, OMEGA]]),
     np.array([[E, N, S], [PHI, PHI, OMEGA], [PHI, PHI, OMEGA]]),
 )
-"""Places in P of their variances, of the covariances with those states, and of those states' variances."""
+"""Transport along the bar changes east and north through phi, the speed through omega: places in P of the variances of
+the three, of their covariances with those states, and of those states' variances."""
 
 
 def nis_column(innovation: str) -> str:
@@ -69,7 +67,7 @@ class PlanterOutput:
         self._served = [
             _Rows(
                 server=server,
-                left_m=(rows_left - origins[server])[nearest == server, np.newaxis],
+                left_m=(rows_left - origins[server])[nearest == server],
                 columns=columns[:, nearest == server],
             )
             for server in range(len(origins))
@@ -92,36 +90,35 @@ class PlanterOutput:
         values[PHI] = wrap_angle(x[:, PHI])
         variances[:STATES] = np.einsum("rii->ir", P)
         for rows in self._served:
-            _fill_rows(values, variances, rows, *states[rows.server])
+            rows.fill(values, variances, *states[rows.server])
         values[self._standstill] = standing[self._reference]
         values[self._standstill + 1 :] = nis[self._reference]
         variances[self._standstill :] = np.nan
-        # Rounding may leave a perfectly known speed at -1e-40.
-        return Estimate(t_ns=t_ns, values=values.T, sigmas=np.sqrt(np.maximum(variances, 0.0)).T, covariance=P)
+        sigmas = np.maximum(variances, 0.0, out=variances)  # rounding may leave a perfectly known speed at -1e-40
+        np.sqrt(sigmas, out=sigmas)
+        return Estimate(t_ns=t_ns, values=values.T, sigmas=sigmas.T, covariance=P)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Rows:
-    """Rows that one filter serves, and their columns."""
-
-    server: int
-    left_m: FloatArray
-    """(rows, 1) from the filter's origin."""
-    columns: IntArray
-    """(3, rows): east, north, speed."""
-
-
-def _fill_rows(values: FloatArray, variances: FloatArray, rows: _Rows, x: FloatArray, P: FloatArray) -> None:
-    """Eqs 2.10 to 2.12 for the rows to the left of the origin, and their variances, in columns (n, R).
+    """The rows that one filter serves: eqs 2.10 to 2.12 for the points to the left of its origin, and their variances.
 
     East, north and speed of a row are those of the origin plus the way to the left times an arm, and depend through
     that on phi, phi and omega.
     """
-    sine, cosine = np.sin(x[:, PHI]), np.cos(x[:, PHI])
-    arm, slope = np.empty((3, 1, len(x))), np.empty((3, 1, len(x)))
-    arm[0], arm[1], arm[2] = -sine, cosine, -x[:, OMEGA]
-    slope[0], slope[1], slope[2] = -cosine, -sine, -1.0
-    values[rows.columns] = x.T[:_MOVED, np.newaxis] + rows.left_m * arm
-    slope = rows.left_m * slope
-    own, cross, by = P.transpose(1, 2, 0)[_PAIRS][:, :, np.newaxis]
-    variances[rows.columns] = own + slope * (2.0 * cross + slope * by)
+
+    def __init__(self, *, server: int, left_m: FloatArray, columns: IntArray) -> None:
+        self.server = server
+        self._columns = columns
+        """(3, rows): east, north, speed."""
+        self._left = left_m[:, np.newaxis]
+
+    def fill(self, values: FloatArray, variances: FloatArray, x: FloatArray, P: FloatArray) -> None:
+        """Write into the columns (n, R) from a state (R, 5) and covariance (R, 5, 5)."""
+        sine, cosine = np.sin(x[:, PHI]), np.cos(x[:, PHI])
+        arm, slope = np.empty((3, 1, len(x))), np.empty((3, 1, len(x)))
+        arm[0], arm[1], arm[2] = -sine, cosine, -x[:, OMEGA]
+        slope[0], slope[1], slope[2] = -cosine, -sine, -1.0
+        values[self._columns] = x.T[:3, np.newaxis] + self._left * arm
+        own, cross, by = P.transpose(1, 2, 0)[_PAIRS][:, :, np.newaxis]
+        # Terms that all rows share first, then those of each.
+        variances[self._columns] = own + self._left * (2.0 * cross * slope + self._left * (by * slope * slope))

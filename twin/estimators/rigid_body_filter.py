@@ -70,7 +70,6 @@ class RigidBodyFilter:
         self._forward = np.array([[unit.forward_m] for unit in units])
         self._aids = aids
         self._yaw_rate = YawRate(gyro_variance)
-        self._gyro_variance = gyro_variance
         self._everyone = np.ones(runs, dtype=np.bool_)
         self.innovations = (GYRO, *(aid.name for each in aids.values() for aid in each))
         """What is updated with, in the order of :meth:`take_nis`."""
@@ -173,8 +172,10 @@ class RigidBodyFilter:
     def _update_yaw_rate(self, inertial: _Inertial) -> None:
         rates = inertial.readings[..., _GYRO_Z] - self._of(self._bias, inertial.places)[..., _GYRO_Z]
         mean, count = mean_of_units(rates, inertial.present)
-        mask = self._everyone if inertial.present is None else np.asarray(count) > 0.0
-        variance = np.atleast_1d(self._gyro_variance / np.maximum(count, 1.0))[:, np.newaxis]
+        mask, variance = self._everyone, self._yaw_rate.R / len(rates)
+        if inertial.present is not None:
+            mask = count > 0.0
+            variance = self._yaw_rate.R / np.maximum(count, 1.0)[:, np.newaxis]
         nis = self.engine.update(self._yaw_rate, mean[:, np.newaxis], mask, variance)
         self._note(GYRO, nis, mask)
 

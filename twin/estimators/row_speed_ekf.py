@@ -125,6 +125,7 @@ class RowSpeedEkf:
         self._first_tick: int | None = None
         self._calibrated = False
         self._filter_t_ns: int | None = None
+        self._at_start = self._report(0)
 
     @property
     def filters(self) -> tuple[RigidBodyFilter, ...]:
@@ -145,10 +146,15 @@ class RowSpeedEkf:
         tick = self._clock.close()
         if tick is not None:
             self._step(tick)
-        states = [self._state(each, t_ns) for each in self._filters]
+        if self._filter_t_ns is None:
+            start = self._at_start
+            return Estimate(t_ns=t_ns, values=start.values, sigmas=start.sigmas, covariance=start.covariance)
+        return self._report(t_ns)
+
+    def _report(self, t_ns: int) -> Estimate:
         return self._output.estimate(
             t_ns,
-            states,
+            [self._state(each, t_ns) for each in self._filters],
             standing=[each.standing for each in self._filters],
             nis=[each.take_nis() for each in self._filters],
         )

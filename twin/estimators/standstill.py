@@ -100,10 +100,13 @@ class StandstillDetector:
         self._energy = variance
 
     def update(self, units: list[int], norms: FloatArray, present: BoolArray | None) -> None:
-        """Take one tick: ``norms`` (k, R) of the ``units`` that answered, ``present`` (k, R) where usable; None: all."""
+        """Take one tick: ``norms`` (k, R) of the ``units`` that answered, ``present`` (k, R) where usable.
+
+        ``present`` None says that all are usable, in every member.
+        """
         reference = self._norm if units == self._all_units else self._norm[units]
         deviation, count = mean_of_units(norms - reference, present)
-        gain = self._alpha if present is None else np.where(np.asarray(count) > 0.0, self._alpha, 0.0)
+        gain = self._alpha if present is None else np.where(count > 0.0, self._alpha, 0.0)
         # Fewer units leave more noise in their mean; the weight keeps its expected energy at V.
         weight = count / len(self._norm)
         self._mean = self._mean + gain * (deviation - self._mean)

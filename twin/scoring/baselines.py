@@ -32,6 +32,8 @@ class Baseline:
         """Tell whether ``value`` is the committed one, within tolerance."""
         if math.isnan(self.value) or math.isnan(value):
             return math.isnan(self.value) and math.isnan(value)
+        if math.isinf(self.value) or math.isinf(value):
+            return value == self.value
         return abs(value - self.value) <= self.tolerance * abs(self.value) + _ABSOLUTE
 
 

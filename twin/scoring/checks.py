@@ -22,7 +22,7 @@ class Outcome:
     def as_json(self) -> dict[str, object]:
         """Entry for result.json: the check's own keys, ``value`` (null where not a number) and ``ok``."""
         value = self.value if math.isfinite(self.value) else None
-        return {**self.check.model_dump(exclude_none=True), "value": value, "ok": self.ok}
+        return {**self.check.model_dump(exclude_none=True, exclude_defaults=True), "value": value, "ok": self.ok}
 
     def sentence(self) -> str:
         """The check in words, for tables and JUnit."""
@@ -35,7 +35,13 @@ class Outcome:
             for text in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "")
             if text
         )
-        return f"{what} = {self.value:.4g}, required {bounds}"
+        return f"{what} = {self.value:.4g}, required {bounds}{self._of_members()}"
+
+    def _of_members(self) -> str:
+        if self.check.percentile is None:
+            return ""
+        confidence = f", confidence {100 * self.check.confidence:g} %" if self.check.confidence is not None else ""
+        return f" (at {self.check.percentile:g} % of the members{confidence})"
 
 
 def require_known(scenario: Scenario, names: Collection[str], *, where: str) -> None:
@@ -60,8 +66,8 @@ def _unknown_metric(metric: str, names: Collection[str]) -> str:
 
 
 def judge(scenario: Scenario, metrics: Mapping[str, float]) -> list[Outcome]:
-    """Apply every check of a scenario; a value that is not a number fails."""
-    return [_judge(check, metrics) for check in scenario.checks]
+    """Apply every check of a scenario that a single run has to keep; a value that is not a number fails."""
+    return [_judge(check, metrics) for check in scenario.checks if not check.stress_only]
 
 
 def _judge(check: Check, metrics: Mapping[str, float]) -> Outcome:
@@ -75,5 +81,5 @@ def _judge(check: Check, metrics: Mapping[str, float]) -> Outcome:
 
 
 def within(value: float, low: float | None, high: float | None) -> bool:
-    """Tell whether a finite value keeps its bounds."""
-    return math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)
+    """Tell whether a value keeps its bounds; what is not a number keeps none, ``inf`` (never) is a number."""
+    return not math.isnan(value) and (low is None or value >= low) and (high is None or value <= high)

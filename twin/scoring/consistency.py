@@ -37,6 +37,11 @@ def nis_columns(columns: Sequence[str]) -> list[str]:
     return [column for column in columns if column.startswith(NIS_PREFIX) and "." not in column]
 
 
+def nis_degrees(column: str) -> int:
+    """Degrees of freedom of a NIS column: positions are east and north together, everything else is one number."""
+    return 2 if column.endswith("position") else 1
+
+
 def covariances(estimate: Stream, states: Sequence[str], rows: IntArray) -> FloatArray:
     """Joint covariance of the states at some rows, shape (T, R, n, n)."""
     size = len(states)

@@ -178,6 +178,8 @@ class Scorer:
         for column in consistency.nis_columns(estimate.columns):
             values = estimate.column(column)[compared.at_estimate]
             self._means[f"{name}.consistency.{column}"].add(values)
+            if self._watch is not None:
+                self._watch(f"{name}.{column}", compared.t_ns, values)
 
     def _tally(self, measure: Measure, runs: int) -> _Tally:
         window = self._scenario.loss_window_s
@@ -248,10 +250,14 @@ class _Tally:
     def _time_first_excess(self, values: FloatArray, t_ns: IntArray) -> None:
         begin, end = self._loss_ns
         since = (t_ns >= begin) & (t_ns < end)
-        beyond = values[since] > self._limit
-        if len(beyond):
-            first = (t_ns[since][beyond.argmax(axis=0)] - begin) / NS_PER_S
-            self._held = np.minimum(self._held, np.where(beyond.any(axis=0), first, math.inf))
+        # An error that is not known before the first excess makes its time unknown (NaN stays NaN in a minimum).
+        stops = ~(values[since] <= self._limit)
+        if len(stops):
+            at = stops.argmax(axis=0)
+            first = (t_ns[since][at] - begin) / NS_PER_S
+            first[np.isnan(values[since][at, np.arange(len(at))])] = math.nan
+            found = np.where(stops.any(axis=0), first, math.inf)
+            self._held = np.where(np.isinf(self._held), found, self._held)
 
     def value(self) -> FloatArray:
         if self._count == 0:

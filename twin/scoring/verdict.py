@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 
@@ -75,7 +74,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def score(recording: Recording, *, timing: Mapping[str, float] | None = None) -> Verdict:
+def score(recording: Recording) -> Verdict:
     """Judge an ordinary recording (R = 1) by the checks of its own scenario."""
     scenario = loads(recording.scenario_toml, where=f"{recording.scenario_name}/scenario.toml")
     values = {name: float(value[0]) for name, value in metrics_module.compute(recording, scenario).items()}
@@ -89,5 +88,5 @@ def score(recording: Recording, *, timing: Mapping[str, float] | None = None) ->
         ended_t_s=recording.ended_t_s,
         metrics=values,
         checks=judge(scenario, values),
-        timing=dict(timing if timing is not None else recording.timing),
+        timing=dict(recording.timing),
     )

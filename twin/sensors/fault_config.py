@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -16,6 +15,7 @@ from twin.sensors.fault_effects import Effect
 from twin.sensors.noise import Streams
 from twin.sensors.windows import WindowConfig
 from twin.signals import FloatArray, IntArray
+from twin.validation import did_you_mean
 
 Columns = Annotated[Names, Field(min_length=1)]
 
@@ -44,8 +44,7 @@ class FaultContext:
         """
         for column in wanted:
             if column not in self.columns:
-                close = difflib.get_close_matches(column, self.columns, n=1)
-                hint = f" (did you mean {close[0]!r}?)" if close else ""
+                hint = did_you_mean(column, self.columns)
                 raise BadInputError(
                     f"{self.key}.columns: there is no column {column!r}{hint}; there are {', '.join(self.columns)}"
                 )

@@ -173,7 +173,7 @@ class Gnss(Sensor):
         values = np.empty((self._runs, len(self.columns)))
         values[:, :3] = self._digits.apply(error + position)
         self._truth[:3] = position
-        self._put_velocity(values, capture.velocity_enu_m_s, index, normals)
+        self._put_velocity(values, capture, index, normals)
         self._put_heading(values, capture.rotation, index)
         self._reports.write(
             values,
@@ -192,11 +192,13 @@ class Gnss(Sensor):
             self._dilution_of[satellites] = dilution(self._table, satellites)
         return self._dilution_of[satellites]
 
-    def _put_velocity(self, values: FloatArray, velocity: FloatArray, index: IntArray, normals: FloatArray) -> None:
+    def _put_velocity(self, values: FloatArray, capture: Capture, index: IntArray, normals: FloatArray) -> None:
+        velocity = capture.velocity_enu_m_s
         true_speed = math.hypot(velocity[0], velocity[1])
         self._truth[3] = true_speed
         self._truth[4] = math.atan2(velocity[1], velocity[0]) if true_speed >= _NO_COURSE_M_S else math.nan
-        ((east, north, up),) = self._velocity_lag.step(velocity[np.newaxis, :]).tolist()
+        # The low-pass is exact for means over the interval; fed with instants it would lag by half an interval less.
+        ((east, north, up),) = self._velocity_lag.step(capture.mean_velocity_enu_m_s[np.newaxis, :]).tolist()
         speed_and_course(east, north, true_speed, index, self._still_noise, self._noise_ratio, normals, 3, values)
         if self._vertical_error is not None:
             values[:, 5] = self._vertical_error.step() + up

@@ -5,13 +5,13 @@ A key of a nested table has its source under the dotted name, e.g. ``"states.fix
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from twin.errors import BadInputError
 from twin.paths import PRESETS, plain_name
+from twin.validation import did_you_mean
 
 
 def preset_files() -> dict[str, Path]:
@@ -28,8 +28,7 @@ def load_preset(name: str) -> dict[str, Any]:
     plain_name(name, what="preset")
     known = preset_files()
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
+        hint = did_you_mean(name, known)
         raise BadInputError(f"unknown preset {name!r}{hint} (there are {', '.join(known)})")
     values = tomllib.loads(known[name].read_text(encoding="utf-8"))
     values.pop("sources", None)

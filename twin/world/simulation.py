@@ -35,11 +35,10 @@ from twin.world.body import PhysicsBody
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.soil import Soil, SoilConfig
 from twin.world.statics import static_loads
-from twin.world.terrain import AnyTerrain, Extent, Terrain, build_terrain
+from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
 
 _SETTLING_S = 4.0
 _SETTLING_DAMPING = 3.0
-_MARGIN_M = 5.0
 _REASONS = {
     dynamics.OFF_TERRAIN: "the machine left the terrain",
     dynamics.NOT_FINITE: "the simulation diverged: the state is no longer finite",
@@ -361,19 +360,13 @@ def build_world(
     """
     model = machine.model()
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
-    reach = machine.reach_m
-    wanted: Extent = (
-        float(points[:, 0].min()) - reach - _MARGIN_M,
-        float(points[:, 1].min()) - reach - _MARGIN_M,
-        float(points[:, 0].max()) + reach + _MARGIN_M,
-        float(points[:, 1].max()) + reach + _MARGIN_M,
-    )
+    wanted = wanted_extent(points, machine.reach_m)
     ground = build_terrain(terrain, seed=seed, extent=wanted)
     west, south, east, north = ground.extent
     if (
-        wanted[0] + _MARGIN_M < west
-        or wanted[1] + _MARGIN_M < south
-        or (wanted[2] - _MARGIN_M > east or wanted[3] - _MARGIN_M > north)
+        wanted[0] + MARGIN_M < west
+        or wanted[1] + MARGIN_M < south
+        or (wanted[2] - MARGIN_M > east or wanted[3] - MARGIN_M > north)
     ):
         raise BadInputError(
             f"driver.path leaves the terrain: with the machine around it, it needs east {wanted[0]:.0f} to"

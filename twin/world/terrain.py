@@ -23,6 +23,8 @@ from twin.world.spectrum import rough_surface
 LARGEST_CELLS = 8_000_000
 """At most 64 MB of heights (and about four times that while a rough surface is being drawn)."""
 HIGHEST_M = 1_000.0
+MARGIN_M = 5.0
+"""Ground around what the machine needs, where no size is configured."""
 DEFAULT_LOWEST_CYCLES_M = 0.05
 """Lower limit of off-road roughness after the notes to ISO 8608: a wave of 20 m."""
 CELLS_PER_SHORTEST_WAVE = 4.0
@@ -205,6 +207,13 @@ TerrainConfig = Annotated[
     FlatTerrain | SlopeTerrain | RoughTerrain | FurrowsTerrain | FileTerrain, Field(discriminator="kind")
 ]
 AnyTerrain = FlatTerrain | SlopeTerrain | RoughTerrain | FurrowsTerrain | FileTerrain
+
+
+def wanted_extent(path: FloatArray, reach_m: float) -> Extent:
+    """Limits that hold a machine, no part of which is farther than ``reach_m`` from its path (N, 2), with a margin."""
+    west, south = path[:, :2].min(axis=0) - reach_m - MARGIN_M
+    east, north = path[:, :2].max(axis=0) + reach_m + MARGIN_M
+    return float(west), float(south), float(east), float(north)
 
 
 def build_terrain(config: AnyTerrain, *, seed: int, extent: Extent) -> Terrain:

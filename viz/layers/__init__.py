@@ -7,6 +7,7 @@ from viz.layers.ground import draw_ground
 from viz.layers.machine import draw_machine
 from viz.layers.measurements import draw_measured_positions
 from viz.layers.plots import draw_motion_plots, draw_row_speed_plots
+from viz.layers.receivers import draw_receivers
 from viz.layers.states import draw_states
 from viz.layers.text import draw_events, draw_page
 from viz.layers.trails import draw_row_trails
@@ -20,6 +21,7 @@ LAYERS: tuple[Layer, ...] = (
     draw_estimates,
     draw_row_speed_plots,
     draw_motion_plots,
+    draw_receivers,
     draw_states,
     draw_events,
     draw_page,

@@ -1,7 +1,8 @@
-"""Lanes of states: path segment, turning, standstill as each estimator sees it, GNSS quality. Never thinned."""
+"""Lanes of states: path segment, turning, standstill of each estimator, GNSS quality, faults. Never thinned."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,6 +20,8 @@ TURNING_RAD_S = 0.05
 Styles = Mapping[float, tuple[str, entities.Colour]]
 """Label and colour of each value."""
 
+_FAULT = re.compile(r"fault (\w+) (begins|ends)")
+_NO_FAULT = "no fault"
 _UNKNOWN: tuple[str, entities.Colour] = ("unknown", (90, 90, 90))
 
 
@@ -41,7 +44,32 @@ def draw_states(run: Run, sheet: Sheet) -> None:
             codes = entities.QUALITY_LABELS
             styles = {float(code): (label, entities.QUALITY_COLOURS[code]) for code, label in codes.items()}
             _draw_lane(sheet, f"{sensor}_quality", stream.t_ns, run.column(stream, "quality"), styles)
+    _draw_faults(run, sheet)
     sheet.panel(PanelKind.LANES, entities.STATE, "States")
+
+
+def _draw_faults(run: Run, sheet: Sheet) -> None:
+    """Draw a lane per sensor with faults: which of them is at work, from the events of their beginnings and ends."""
+    said: dict[str, list[tuple[int, str, bool]]] = {}
+    for event in run.recording.events:
+        match = _FAULT.match(event.text)
+        if match and event.source.startswith("sensors."):
+            sensor = event.source.removeprefix("sensors.")
+            said.setdefault(sensor, []).append((event.t_ns, match[1].replace("_", " "), match[2] == "begins"))
+    for sensor, changes_of_sensor in said.items():
+        working: list[str] = []
+        times, labels = [0], [_NO_FAULT]
+        for t_ns, kind, begins in changes_of_sensor:
+            if begins:
+                working.append(kind)
+            elif kind in working:
+                working.remove(kind)
+            times.append(t_ns)
+            labels.append(", ".join(working) or _NO_FAULT)
+        used = {label: entities.CALM_COLOUR if label == _NO_FAULT else entities.FAULT_COLOUR for label in labels}
+        entity = entities.lane(f"{sensor}_faults")
+        sheet.static(entity, rr.StateConfiguration(values=list(used), labels=list(used), colors=list(used.values())))
+        sheet.rows(entity, np.array(times, dtype=np.int64), rr.StateChange.columns(state=labels))
 
 
 def _draw_segments(run: Run, sheet: Sheet) -> None:
