@@ -113,6 +113,8 @@ class RecordingConfig(Config):
 
     truth_hz: Annotated[float, Field(gt=0.0)] = 50.0
     """Rate of the truth stream."""
+    baseline_trace: bool = False
+    """Keep what the estimators said once a second beside the baseline of the metrics."""
 
 
 class Scenario(Config):

@@ -30,7 +30,7 @@ from twin.scoring.verdict import SCHEMA, versions
 from twin.signals import NS_PER_S, FloatArray
 from twin.stress import Plan, TaskResult
 
-_WORST = 3
+_WORST = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -97,12 +97,14 @@ def _envelopes(result: StressResult, point: Point) -> Figure | None:
     colours = _colours(list(point.envelopes))
     figure, axes = _grid(len(families), f"{_title(result, point)}: median and 5 to 95 %")
     for axis, family in zip(axes, families, strict=True):
+        lowest: list[float] = []
         for key, envelope in point.envelopes.items():
             estimator, _, name = key.partition(".")
             if name != family:
                 continue
             t_s = envelope.t_ns / NS_PER_S - begin
             low, middle, high = (np.maximum(envelope.quantile(q), _SMALLEST_SHOWN) for q in QUANTILES)
+            lowest.append(float(np.nanpercentile(low[t_s >= 0.0], 10)) if (t_s >= 0.0).any() else _SMALLEST_SHOWN)
             axis.fill_between(t_s, low, high, color=colours[estimator], alpha=0.25, linewidth=0)
             axis.plot(t_s, middle, color=colours[estimator], linewidth=1.4, label=estimator.replace("_", " "))
         if window is not None:
@@ -111,7 +113,7 @@ def _envelopes(result: StressResult, point: Point) -> Figure | None:
         axis.set_title(_TITLES[family], fontsize=10)
         axis.set_xlabel("time since the fault began [s]" if window is not None else "time [s]")
         axis.set_xlim(max(-20.0, result.loaded.scenario.scoring.from_s - begin), None)
-        axis.set_ylim(bottom=_SMALLEST_SHOWN)
+        axis.set_ylim(bottom=max(_SMALLEST_SHOWN, 0.5 * min(lowest, default=_SMALLEST_SHOWN)))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
     return figure

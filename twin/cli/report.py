@@ -28,13 +28,17 @@ _HEADLINES = (
     "heading.mean_abs_error_deg",
 )
 _PLAIN_LINE_EVERY_S = 5.0
+_LOG_WIDTH = 160
 
 
 class Reporter:
     """Prints to standard output; nothing at all where ``quiet`` (for ``--json``)."""
 
     def __init__(self, *, quiet: bool) -> None:
-        self._console = Console(quiet=quiet, highlight=False, markup=False, soft_wrap=not Console().is_terminal)
+        terminal = Console().is_terminal
+        # Elsewhere there is no width to keep to: a log file should hold whole names and unbroken lines.
+        width = None if terminal else _LOG_WIDTH
+        self._console = Console(quiet=quiet, highlight=False, markup=False, soft_wrap=not terminal, width=width)
 
     @contextmanager
     def progress(self, loaded: LoadedScenario) -> Iterator[Callable[[float], None]]:

@@ -20,7 +20,8 @@ from twin.estimation import EstimatorFactory
 from twin.recording import Recording, save
 from twin.runfolder import folder_of, replacing, require_writable, write_result
 from twin.scenario import LoadedScenario
-from twin.scoring import Verdict, baselines, score
+from twin.scoring import Verdict, baselines, score, traces
+from twin.scoring.baselines import Baseline
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +131,7 @@ def _run_one(
             loaded, runs=(options.run,), full_rate=options.full_rate, plugins=plugins, progress=progress
         )
     verdict = score(recording)
-    _compare_baseline(loaded, options, verdict)
+    _compare_baseline(loaded, options, recording, verdict)
     folder = folder_of(options.out, verdict)
     with replacing(folder) as building:
         save(recording, building)
@@ -150,18 +151,42 @@ def _write_rrd(recording: Recording, verdict: Verdict, path: Path) -> float:
     return time.perf_counter() - started
 
 
-def _compare_baseline(loaded: LoadedScenario, options: RunOptions, verdict: Verdict) -> None:
-    """Compare with the committed baseline, where this is the run that it was made from."""
-    committed = not options.settings and options.run == 0 and not options.estimators
+def _compare_baseline(loaded: LoadedScenario, options: RunOptions, recording: Recording, verdict: Verdict) -> None:
+    """Compare with the committed baselines, where this is the run that they were made from.
+
+    Raises:
+        BadInputError: a baseline cannot be read, or an update of it cannot be written.
+    """
+    committed = not options.settings and options.run == 0 and not options.estimators and not options.full_rate
     if not committed or (options.seed is not None and options.seed != scenario_files.load(loaded.path).scenario.seed):
         return
-    path = baselines.baseline_path(loaded.path)
-    known = baselines.read(path)
+    path, trace_path = baselines.baseline_path(loaded.path), traces.trace_path(loaded.path)
+    known, known_trace = baselines.read(path), traces.read(trace_path)
+    said = traces.trace(recording) if known_trace or loaded.scenario.recording.baseline_trace else {}
     if options.update_baselines and verdict.ended_reason == "duration":
-        new = baselines.updated(known, verdict.metrics)
-        if new != known:
-            baselines.write(path, new)
-        known = new
+        known, known_trace = _update(path, known, verdict.metrics), _update_trace(trace_path, known_trace, said)
     if known:
         verdict.baseline_compared = True
         verdict.drifted = baselines.drifted(known, verdict.metrics)
+    if known_trace:
+        verdict.drifted += traces.drifted(known_trace, said)
+
+
+def _update(path: Path, known: dict[str, Baseline], metrics: dict[str, float]) -> dict[str, Baseline]:
+    new = baselines.updated(known, metrics)
+    if new != known:
+        try:
+            baselines.write(path, new)
+        except OSError as error:
+            raise BadInputError(f"{path}: cannot be written ({error.strerror})") from error
+    return new
+
+
+def _update_trace(path: Path, known: traces.Trace, said: traces.Trace) -> traces.Trace:
+    if not said or not traces.drifted(known, said):
+        return known
+    try:
+        traces.write(path, said)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written ({error.strerror})") from error
+    return said

@@ -1,0 +1,50 @@
+"""The package from Python, as the README shows it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+import twin
+from tests.small_scenario import small_scenario
+from twin.recording import save
+from twin.replay import differing
+from twin.runfolder import write_result
+
+
+def test_run_score_save_and_open(tmp_path: Path) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text(tomli_w.dumps(small_scenario()))
+    recording = twin.run(path, seed=3, set={"driver.speed_m_s": 1.0})
+    assert (recording.scenario_name, recording.seed, recording.runs) == ("small", 3, (0,))
+    # Three seconds of driving at 0.5 m/s^2 lead to 1 m/s, not to the scenario's 2 m/s.
+    assert 0.9 < recording.truth.column("speed_m_s").max() < 1.2
+    verdict = twin.score(recording)
+    assert verdict.verdict == "pass"
+    assert verdict.metrics["central.row_speed.mean_abs_error_m_s"] > 0.0
+
+    radar = recording.to_arrow("measurements/radar")
+    assert {"t_ns", "t_available_ns", "valid", "speed_m_s"} <= set(radar.column_names)
+    central = recording.estimates("central")
+    assert central.values.shape == (len(central.t_s), 1, len(central.columns))
+    assert central.t_s[-1] == recording.ended_t_s == 4.0
+    assert np.isfinite(central.column("row_speed_1_m_s")[-1, 0])
+
+    save(recording, tmp_path / "kept")
+    write_result(tmp_path / "kept", verdict.as_json())
+    again = twin.open(tmp_path / "kept")
+    assert differing(recording, again) == {}
+    np.testing.assert_equal(dict(twin.score(again).metrics), dict(verdict.metrics))
+    assert differing(recording, twin.run(path, seed=3, run=1, set={"driver.speed_m_s": 1.0})).keys() == {
+        "radar_only",
+        "central",
+    }
+
+
+def test_importing_the_package_is_light() -> None:
+    heavy = "{'numpy', 'scipy', 'numba', 'pybullet', 'pyarrow', 'rerun', 'filterpy', 'matplotlib', 'pydantic'}"
+    code = f"import sys, twin; sys.exit(' '.join({heavy} & set(sys.modules)))"
+    result = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
