@@ -45,6 +45,6 @@ def test_run_score_save_and_open(tmp_path: Path) -> None:
 
 def test_importing_the_package_is_light() -> None:
     heavy = "{'numpy', 'scipy', 'numba', 'pybullet', 'pyarrow', 'rerun', 'filterpy', 'matplotlib', 'pydantic'}"
-    code = f"import sys, twin; sys.exit(' '.join({heavy} & set(sys.modules)))"
+    code = f"import sys, twin; sys.exit(' '.join({heavy} & set(sys.modules)) or None)"
     result = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr

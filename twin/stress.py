@@ -8,10 +8,11 @@ fixed by index and tasks are merged in order, so the numbers do not depend on th
 from __future__ import annotations
 
 import itertools
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -228,17 +229,22 @@ def run_tasks(
                 tell(describe(plan, *task))
             yield task, run_task(plan, *task)
         return
-    with ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
-        futures = [(task, pool.submit(run_task, plan, *task)) for task in tasks]
-        try:
-            for task, future in futures:
-                result = future.result()
-                if tell is not None:
-                    tell(describe(plan, *task))
-                yield task, result
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    # A pool that is left early is terminated: an interrupted stress test does not wait for its workers.
+    with get_context("spawn").Pool(min(workers, len(tasks)), initializer=_ignore_interrupt) as pool:
+        results = pool.imap(partial(_run_one_of, plan), tasks)
+        for task, result in zip(tasks, results, strict=True):
+            if tell is not None:
+                tell(describe(plan, *task))
+            yield task, result
+
+
+def _ignore_interrupt() -> None:
+    """Leave Ctrl-C to the process that started this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _run_one_of(plan: Plan, task: tuple[int, int]) -> TaskResult:
+    return run_task(plan, *task)
 
 
 def describe(plan: Plan, point: int, world: int) -> str:

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import twin
+from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.recording import Recording
 from twin.scenario import bundled, load
 from twin.scoring import score
+from twin.scoring.metrics import compare
+from twin.signals import NS_PER_S
 
-ROWS_WITH_IMU = (1, 4, 5, 8)
 ROW_1_Y_M = 2.625
 
 
@@ -19,13 +21,6 @@ def test_every_check_of_the_scenario_holds(planter_turns: Recording) -> None:
     assert verdict.checks, "the scenario checks nothing"
     assert [outcome.sentence() for outcome in verdict.checks if not outcome.ok] == []
     assert verdict.verdict == "pass"
-
-
-def test_the_filter_reaches_a_fifth_of_todays_error_in_turns(planter_turns: Recording) -> None:
-    metrics = score(planter_turns).metrics
-    central = metrics["central.row_speed.mean_abs_error_turns_m_s"]
-    assert central <= 0.06
-    assert central <= 0.2 * metrics["radar_only.row_speed.mean_abs_error_turns_m_s"]
 
 
 def test_todays_error_at_row_1_is_what_kinematics_demands(planter_turns: Recording) -> None:
@@ -64,13 +59,36 @@ def test_halving_the_time_step_moves_the_end_by_less_than_5_cm(planter_turns: Re
     assert math.dist(*ends) < 0.05
 
 
-def test_the_published_filter_is_worse_than_the_radar_on_a_slope() -> None:
-    """Its acceleration input takes g * slope for acceleration: 0.05 g T / K is some 0.3 m/s, more than today's error.
+def test_the_published_filter_is_worse_than_the_radar_on_a_slope_by_what_gravity_demands() -> None:
+    """A property of the published filter that a better one must not share; if this test fails, look why.
 
-    This is a property of the published filter that a better one must not share; if this test fails, look why.
+    On a slope p the accelerometers feel g p cos(heading) along the machine (uphill is east), of which the calibration
+    took away the share at the heading it stood at. What is left is taken for acceleration and settles the speed at
+    g p (cos(heading) - cos(heading_0)) T (1 - K) / K, with the step T and the speed's steady gain K, from
+    K^2 / (1 - K) = Q / R, behind a lag of T / K = 0.64 s, a fortieth of the time turning.
     """
-    metrics = score(twin.run("planter_turns_slope")).metrics
-    assert 0.15 < metrics["central.row_speed.mean_abs_error_turns_m_s"] < 0.6
+    recording = twin.run("planter_turns_slope")
+    metrics = score(recording).metrics
+    central = metrics["central.row_speed.mean_abs_error_turns_m_s"]
+    assert central > metrics["radar_only.row_speed.mean_abs_error_turns_m_s"]
+
+    step_s, ratio = 0.02, 1e-4 / 0.1
+    gain = 0.5 * (math.sqrt(ratio**2 + 4.0 * ratio) - ratio)
+    assert gain == pytest.approx(0.0311, abs=1e-4)
+    truth, estimate = recording.truth, recording.estimates("central")
+    compared = compare(truth, estimate, ["speed_m_s"], from_ns=60 * NS_PER_S)
+    heading = truth.column("heading_rad")[:, 0]
+    turned = np.cos(heading[compared.at_truth]) - np.cos(heading[0])
+    settled = STANDARD_GRAVITY_M_S2 * 0.05 * turned * step_s * (1.0 - gain) / gain
+    lagged = np.zeros(len(settled))
+    for index in range(1, len(settled)):
+        lagged[index] = lagged[index - 1] + gain * (settled[index] - lagged[index - 1])
+    turning = np.abs(truth.column("yaw_rate_rad_s")[compared.at_truth, 0]) > 0.05
+    # Not counted: the radar's own lag, and the machine's pitch beside the slope's, of which 2 mrad (pull, tyres'
+    # give) are 9.8 * 0.002 * 0.62 s = 0.012 m/s, 3 % of the 0.4 m/s expected. Three times that is allowed.
+    assert np.mean(compared.errors[turning, 0, 0]) == pytest.approx(lagged[turning].mean(), rel=0.1)
+    # All rows have the same error, since the yaw rate is known: so has their mean.
+    assert central == pytest.approx(abs(lagged[turning].mean()), rel=0.1)
 
 
 @pytest.mark.parametrize("name", sorted(bundled()))

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.sensors.motions import Log, constant, drive, preset, ramp, sensor, spin
+from tests.sensors.motions import DT_NS, Log, constant, drive, preset, ramp, sensor, spin
+from twin.signals import NS_PER_S, Command, MotionNeed
+from twin.world.planter_f8 import PlanterF8Config
+from twin.world.simulation import build_world
+from twin.world.soil import SoilConfig
+from twin.world.terrain import RoughTerrain
 
 
 def quiet(**changes: Any) -> dict[str, Any]:
@@ -135,3 +140,28 @@ def test_standing_still_it_stays_at_zero_through_noise() -> None:
     # Noise behind the lag is 0.011 m/s: 0.13 m/s is twelve sigma away.
     log = drive(sensor(preset("radar_99ppm"), runs=range(10)), spin((0, 0, 9.8), (0, 0, 0)), 20.0)
     assert np.all(log.values("speed_m_s") == 0.0)
+
+
+def test_on_rough_ground_heave_averages_out_and_pitch_does_not() -> None:
+    # u - v_x = -tan(A) times the velocity along the mount's up axis, v_h . R_z + w R_zz: the first part is pitch, the
+    # second heave, whose mean is the height gained over the time. Heights 20 m apart differ on class C, with the
+    # spectrum c / n^2, c = 256e-6 * 0.1^2, by a sigma of sqrt(2 pi^2 c 20 m) = 32 mm: four sigma times tan(35 degrees)
+    # over 10 s are 9 mm/s. Counting whole pulses adds one at each end, 2 / 99 m in 10 s.
+    seconds, device = 10.0, sensor(quiet(lag_speeding_up_s=0.0, lag_braking_s=0.0))
+    ground = RoughTerrain(kind="rough", iso8608_class="C", size_m=(90.0, 40.0))
+    pitch_part, errors = [], []
+    with build_world(ground, SoilConfig(), PlanterF8Config(kind="planter_f8"), seed=1, dt_ns=DT_NS) as world:
+        world.watch("radar", MotionNeed(mount=world.machine.mounts["radar"]))
+        world.command(Command(speed_m_s=2.0))
+        while world.tick * DT_NS < (6.0 + seconds) * NS_PER_S:
+            world.advance(device.next_tick)
+            motion = world.capture("radar")
+            (measurement,) = device.sample(motion).measurements
+            forward, _, _ = motion.mean_velocity_enu_m_s @ motion.rotation
+            if world.tick * DT_NS > 6.0 * NS_PER_S:
+                errors.append(measurement.column("speed_m_s")[0] - forward)
+                level = motion.mean_velocity_enu_m_s[:2] @ motion.rotation[:2, 2]
+                pitch_part.append(-math.tan(math.radians(35.0)) * level)
+    leak, bound = np.array(errors) - np.array(pitch_part), 0.009 + 2.0 / 99.0 / seconds
+    assert np.abs(leak).max() > bound
+    assert abs(leak.mean()) < bound

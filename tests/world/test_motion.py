@@ -10,10 +10,12 @@ import pytest
 from tests.world.conftest import WorldMaker, column, record, slope
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.signals import Command, MotionNeed
+from twin.world import tyres
 from twin.world.planter_f8 import AXLE_X_M, HITCH_BEHIND_AXLE_M, WHEELBASE_M, WHEELS, PlanterF8Config
 from twin.world.simulation import World
 from twin.world.soil import SoilConfig
-from twin.world.terrain import Terrain
+from twin.world.statics import static_loads
+from twin.world.terrain import RoughTerrain, Terrain
 from twin.world.tyres import ground_plane
 
 PER_S = 500
@@ -41,6 +43,46 @@ def test_coasting_never_gains_energy(make_world: WorldMaker) -> None:
     assert max(energies) <= start
     # ... and rolling resistance alone stops it: m v^2 / 2 = rho m g s, within what the wheels' own spin adds.
     assert energies[-1] < 0.5 * start
+
+
+@pytest.mark.parametrize("rough", [False, True], ids=["flat", "class C"])
+def test_coasting_without_resistance_gains_no_energy(make_world: WorldMaker, rough: bool) -> None:
+    ground = RoughTerrain(kind="rough", iso8608_class="C", size_m=(90.0, 90.0)) if rough else None
+    world = make_world(ground, soil_keys={"rolling_resistance": 0.0}, draught_n=0.0)
+    rest = world.energy_j()
+    drive(world, 3.0, seconds=5.0 if rough else 10.0)
+    world.engage(False)
+    world.advance(world.tick + 1)
+    start = world.energy_j() - rest
+    energies, heave = [], []
+    for _ in range(4 * PER_S):
+        world.advance(world.tick + 1)
+        energies.append(world.energy_j() - rest)
+        heave.append(abs(column(world, "velocity_u_m_s")))
+    weight = world._body.urdf.mass_kg * G
+    # The tyres' energy is told as of the forces of the latest step, so it lags by up to one step of their power.
+    bound = 4.0 * weight * max(heave) / PER_S
+    if rough:
+        # The normal force N leans by the slope fitted to the patch, which is not quite the derivative of its mean
+        # height: between two places N times the difference of the heights that belong to either is gained or lost,
+        # and comes back. Of the road's spectrum, 256e-6 m^3 (n / 0.1)^-2 for class C, a patch of half length l keeps
+        # 3 (sin a - a cos a) / a^3 of the slope and sin(a) / a of the height, a = 2 pi n l. Four sigma, at two places.
+        n = np.linspace(0.02, 20.0, 20_000)
+        variance = 0.0
+        for load, length in zip(_loads(world), world._wheels[:, tyres.HALF_LENGTH], strict=True):
+            arg = 2.0 * math.pi * n * length
+            unlike = 3.0 * (np.sin(arg) - arg * np.cos(arg)) / arg**3 - np.sin(arg) / arg
+            variance += load**2 * float(np.trapezoid(256e-6 * (0.1 / n) ** 2 * unlike**2, n))
+        bound += 4.0 * math.sqrt(2.0 * variance)
+        assert bound < 0.005 * start
+    else:
+        assert max(heave) < 1e-3
+        assert bound < 1e-4 * start
+    assert max(energies) <= start + bound
+
+
+def _loads(world: World) -> np.ndarray:
+    return static_loads(world._body.urdf, [wheel.joint for wheel in WHEELS])
 
 
 def test_a_braked_machine_stands_still_on_a_slope(make_world: WorldMaker) -> None:

@@ -39,7 +39,7 @@ from twin.sensors.gnss_outputs import (
 )
 from twin.sensors.gnss_states import FixState, FixStates, dilution
 from twin.sensors.kernels import wrap
-from twin.sensors.noise import LowPass, Quantiser
+from twin.sensors.noise import Quantiser, RampLowPass
 from twin.signals import HEADING, POSITION, Capture, FloatArray, IntArray, Mount
 
 _NO_COURSE_M_S = 1e-3
@@ -132,7 +132,7 @@ class Gnss(Sensor):
         self._digits = Quantiser(lsb=[config.position_resolution_m] * 3)
 
     def _build_velocity(self, config: GnssConfig) -> None:
-        self._velocity_lag = LowPass(tau_s=config.velocity_lag_s, period_s=self.period_s)
+        self._velocity_lag = RampLowPass(tau_s=config.velocity_lag_s, period_s=self.period_s)
         noise = [[state.velocity_noise_m_s, state.velocity_noise_ratio] for state in self._table]
         self._still_noise, self._noise_ratio = np.ascontiguousarray(np.array(noise).T)
         self._vertical_error = None
@@ -197,8 +197,7 @@ class Gnss(Sensor):
         true_speed = math.hypot(velocity[0], velocity[1])
         self._truth[3] = true_speed
         self._truth[4] = math.atan2(velocity[1], velocity[0]) if true_speed >= _NO_COURSE_M_S else math.nan
-        # The low-pass is exact for means over the interval; fed with instants it would lag by half an interval less.
-        ((east, north, up),) = self._velocity_lag.step(capture.mean_velocity_enu_m_s[np.newaxis, :]).tolist()
+        east, north, up = self._velocity_lag.step(capture.mean_velocity_enu_m_s, velocity).tolist()
         speed_and_course(east, north, true_speed, index, self._still_noise, self._noise_ratio, normals, 3, values)
         if self._vertical_error is not None:
             values[:, 5] = self._vertical_error.step() + up

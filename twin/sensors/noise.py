@@ -182,6 +182,29 @@ class LowPass:
         return self._value
 
 
+class RampLowPass:
+    """First-order low-pass, exact for an input that changes linearly over each period, given its mean and its end.
+
+    ``y_k = d y_{k-1} + (1 - d) m + g (v - m)`` with ``d = e^{-T/tau}`` and ``g = (1 - 2 tau/T) + d (1 + 2 tau/T)``: the
+    convolution of ``e^{-t/tau} / tau`` with ``m + (v - m)(2 t/T - 1)``. A ramp comes out later by ``tau``, however long
+    the period; without a lag the output is the end value. Starts settled on its first end value.
+    """
+
+    def __init__(self, *, tau_s: float, period_s: float) -> None:
+        self._decay = float(decay(tau_s, period_s)[0])
+        ratio = 2.0 * tau_s / period_s
+        self._slope_gain = (1.0 - ratio) + self._decay * (1.0 + ratio)
+        self._value: FloatArray | None = None
+
+    def step(self, mean: FloatArray, end: FloatArray) -> FloatArray:
+        """Take the next input (n,) and return the output (n,)."""
+        if self._value is None:
+            self._value = np.array(end)
+        else:
+            self._value = self._decay * self._value + (1.0 - self._decay) * mean + self._slope_gain * (end - mean)
+        return self._value
+
+
 class Quantiser:
     """Limits and digits of an output: clip into ``[low, high]`` and round to the nearest multiple of ``lsb`` (n,).
 
