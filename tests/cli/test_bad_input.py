@@ -80,7 +80,7 @@ def test_a_wrong_scenario_is_refused(case: str, tmp_path: Path) -> None:
         (["run", "empty"], "no scenario (*.toml) in this folder"),
         (["run", "planter_turns", "--set", "seed"], "expected KEY=VALUE"),
         (["run", "planter_turns", "--set", "title.x=1"], "title is a value, not a table"),
-        (["run", "planter_turns", "--seed", "-1"], "-1"),
+        (["run", "planter_turns", "--seed", "-1"], "--seed"),
         (["run", "planter_turns", "--estimator", "no.such.module:Class"], "no.such.module"),
         (["score", "empty"], "not a run folder"),
         (["replay", "empty"], "not a run folder"),

@@ -190,5 +190,5 @@ def test_impossible_faults_are_refused(fault: dict[str, Any], message: str) -> N
 
 def test_a_column_the_sensor_does_not_have_is_refused_with_a_suggestion() -> None:
     faults = [{"kind": "outage"}, {"kind": "jump", "columns": ["position_x_m"], "size": 1.0}]
-    with pytest.raises(BadInputError, match=r"faults\[1\].columns: there is no column 'position_x_m' \(did you mean"):
+    with pytest.raises(BadInputError, match=r"faults\[1\].columns: there is no column 'position_x_m'; did you mean"):
         sensor(PERFECT | {"faults": faults})

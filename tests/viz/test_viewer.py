@@ -29,7 +29,7 @@ T_S = 10.0
 
 def opened(path: Path) -> Iterator[HeadlessViewer]:
     try:
-        with headless_viewer(path, size="1280x720") as opened_viewer:
+        with headless_viewer(path, size="1600x900") as opened_viewer:
             yield opened_viewer
     except TwinError as error:
         if "Vulkan" in str(error):
