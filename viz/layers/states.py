@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import rerun as rr
 
+from twin.recording import Stream
 from twin.signals import YAW_RATE, FloatArray, IntArray
 from viz import entities
 from viz.legible import legible
@@ -16,6 +17,9 @@ from viz.thinning import changes
 
 TURNING_RAD_S = 0.05
 """A machine turns where its true yaw rate exceeds this, as in the metrics of turns and straights."""
+
+FRESH_S = 4.0
+"""Corrections that arrive are no older than this (paper 002, section 2.1: at most 4 s before the link was cut)."""
 
 Styles = Mapping[float, tuple[str, entities.Colour]]
 """Label and colour of each value."""
@@ -44,8 +48,18 @@ def draw_states(run: Run, sheet: Sheet) -> None:
             codes = entities.QUALITY_LABELS
             styles = {float(code): (label, entities.QUALITY_COLOURS[code]) for code, label in codes.items()}
             _draw_lane(sheet, f"{sensor}_quality", stream.t_ns, run.column(stream, "quality"), styles)
+        if stream.has("age_s"):
+            _draw_corrections(run, sheet, sensor, stream)
     _draw_faults(run, sheet)
     sheet.panel(PanelKind.LANES, entities.STATE, "States")
+
+
+def _draw_corrections(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> None:
+    """Draw whether corrections arrive, if that ever changes."""
+    stale = (~(run.column(stream, "age_s") <= FRESH_S)).astype(float)
+    if len(np.unique(stale)) > 1:
+        styles = {0.0: ("corrections arrive", entities.QUALITY_COLOURS[4]), 1.0: ("none", entities.FAULT_COLOUR)}
+        _draw_lane(sheet, f"{sensor}_corrections", stream.t_ns, stale, styles)
 
 
 def _draw_faults(run: Run, sheet: Sheet) -> None:
