@@ -13,6 +13,7 @@ from pydantic import Field
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
 from twin.estimators.radar_only import RadarOnly, RadarOnlyConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
+from twin.estimators.row_speed_ins import RowSpeedIns, RowSpeedInsConfig
 from twin.signals import Estimator, EstimatorSetup
 
 __all__ = [
@@ -21,15 +22,17 @@ __all__ = [
     "PluginConfig",
     "RadarOnlyConfig",
     "RowSpeedEkfConfig",
+    "RowSpeedInsConfig",
     "build_estimator",
     "load_class",
     "load_entry_point",
 ]
 
-EstimatorConfigUnion = Annotated[RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, Field(discriminator="kind")]
+AnyEstimatorConfig = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | PluginConfig
+EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
-def build_estimator(config: RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, setup: EstimatorSetup) -> Estimator:
+def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:
     """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
 
     Raises:
@@ -38,6 +41,8 @@ def build_estimator(config: RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, 
     match config:
         case RowSpeedEkfConfig():
             return RowSpeedEkf(config, setup)
+        case RowSpeedInsConfig():
+            return RowSpeedIns(config, setup)
         case RadarOnlyConfig():
             return RadarOnly(config, setup)
         case PluginConfig():

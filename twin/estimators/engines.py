@@ -28,10 +28,10 @@ class Motion(Protocol):
     """How the state moves on. Every function broadcasts over the ensemble axis."""
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-        """f, the state after ``dt_s`` under the input ``u`` (R,), shape (R, n), and F, its Jacobian, (R, n, n)."""
+        """f, the state after ``dt_s`` under the input ``u`` (R, ...), shape (R, n), and F, its Jacobian, (R, n, n)."""
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
-        """Process noise gathered in ``dt_s``, shape (n, n)."""
+        """Process noise gathered in ``dt_s``, shape (n, n), or (R, n, n) where members differ."""
 
 
 class Observation(Protocol):
@@ -74,6 +74,9 @@ class Engine(Protocol):
     @property
     def P(self) -> FloatArray:  # noqa: N802
         """Covariance, shape (R, n, n)."""
+
+    def restore(self, x: FloatArray, P: FloatArray) -> None:
+        """Go back to a state (R, n) and covariance (R, n, n) that this engine had before."""
 
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move every member on by ``dt_s`` (eqs 2.2 and 2.6)."""
@@ -140,6 +143,10 @@ class EnsembleEngine:
     def P(self) -> FloatArray:  # noqa: N802
         """Covariance, shape (R, n, n)."""
         return self._P
+
+    def restore(self, x: FloatArray, P: FloatArray) -> None:
+        """Go back to a state (R, n) and covariance (R, n, n) that this engine had before."""
+        self._x, self._P = x, P
 
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move every member on by ``dt_s``."""

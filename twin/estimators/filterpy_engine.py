@@ -43,10 +43,15 @@ class FilterpyEngine:
         P: FloatArray = self._filter.P[np.newaxis]
         return P
 
+    def restore(self, x: FloatArray, P: FloatArray) -> None:
+        """Go back to a state (1, n) and covariance (1, n, n)."""
+        self._filter.x, self._filter.P = x[0], P[0]
+
     def predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
         """Move on by ``dt_s``."""
         moved, F = motion.linearise(self.x, u, dt_s)
-        self._filter.Q = motion.Q(dt_s)
+        Q = motion.Q(dt_s)
+        self._filter.Q = Q[0] if Q.ndim == 3 else Q
         self._filter.predict(F=F[0])
         self._filter.x = moved[0]
 

@@ -55,8 +55,8 @@ def column_places(info: SensorInfo, columns: Sequence[str], *, setup: EstimatorS
     return slice(places[0], places[0] + len(places)) if consecutive else places
 
 
-def lever_arm(info: SensorInfo, setup: EstimatorSetup) -> tuple[float, float]:
-    """Where a sensor sits in the reference frame: metres forward and to the left.
+def mount_arm(info: SensorInfo, setup: EstimatorSetup) -> tuple[float, float, float]:
+    """Where a sensor sits in the reference frame: metres forward, to the left and up.
 
     Raises:
         BadInputError: the sensor sits on another body of the machine, so that there is no fixed lever arm.
@@ -67,8 +67,33 @@ def lever_arm(info: SensorInfo, setup: EstimatorSetup) -> tuple[float, float]:
             f"one rigid body, {setup.reference.body!r}"
         )
     offset = np.subtract(info.mount.xyz_m, setup.reference.xyz_m)
-    forward, left, _ = rotation_from_rpy(*setup.reference.rpy_rad).T @ offset
-    return float(forward), float(left)
+    forward, left, up = rotation_from_rpy(*setup.reference.rpy_rad).T @ offset
+    return float(forward), float(left), float(up)
+
+
+def lever_arm(info: SensorInfo, setup: EstimatorSetup) -> tuple[float, float]:
+    """The horizontal part of :func:`mount_arm`: metres forward and to the left.
+
+    Raises:
+        BadInputError: the sensor sits on another body of the machine.
+    """
+    return mount_arm(info, setup)[:2]
+
+
+def common_rate(units: list[SensorInfo], setup: EstimatorSetup, *, estimator: str) -> float:
+    """Rate of the inertial units, Hz.
+
+    Raises:
+        BadInputError: there is none, or their rates differ.
+    """
+    where = f"[estimators.{setup.name}] sensors"
+    if not units:
+        raise BadInputError(f"{where}: {estimator} needs at least one sensor of kind {IMU!r}")
+    rates = {info.rate_hz for info in units}
+    if len(rates) > 1:
+        listed = ", ".join(f"{info.name} {info.rate_hz:g} Hz" for info in units)
+        raise BadInputError(f"{where}: the inertial units must share one rate, but they have {listed}")
+    return rates.pop()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -44,7 +44,7 @@ from twin.estimators.aiding import AidingNoise, GnssWeighting, aids_of
 from twin.estimators.coordinated_turn import CoordinatedTurn
 from twin.estimators.engines import EngineName, make_engine
 from twin.estimators.rigid_body_filter import RigidBodyFilter
-from twin.estimators.roles import ACCOSAT, GNSS, IMU, RADAR, InertialUnit, pick_sensors
+from twin.estimators.roles import ACCOSAT, GNSS, IMU, RADAR, InertialUnit, common_rate, pick_sensors
 from twin.estimators.standstill import StandstillConfig
 from twin.estimators.ticks import Tick, TickClock
 from twin.signals import NS_PER_S, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
@@ -109,7 +109,7 @@ class RowSpeedEkf:
 
     def __init__(self, config: RowSpeedEkfConfig, setup: EstimatorSetup) -> None:
         sensors = pick_sensors(setup, (IMU, RADAR, ACCOSAT, GNSS), estimator=KIND)
-        rate_hz = _common_rate(sensors[IMU], setup)
+        rate_hz = common_rate(sensors[IMU], setup, estimator=KIND)
         _check(config, setup)
         self._config = config
         self._setup = setup
@@ -215,17 +215,6 @@ class RowSpeedEkf:
             standstill=config.standstill,
             step_ns=self._step_ns,
         )
-
-
-def _common_rate(units: list[SensorInfo], setup: EstimatorSetup) -> float:
-    where = f"[estimators.{setup.name}] sensors"
-    if not units:
-        raise BadInputError(f"{where}: {KIND} needs at least one sensor of kind {IMU!r}")
-    rates = {info.rate_hz for info in units}
-    if len(rates) > 1:
-        listed = ", ".join(f"{info.name} {info.rate_hz:g} Hz" for info in units)
-        raise BadInputError(f"{where}: the inertial units must share one rate, but they have {listed}")
-    return rates.pop()
 
 
 def _check(config: RowSpeedEkfConfig, setup: EstimatorSetup) -> None:
