@@ -15,7 +15,7 @@ from twin.errors import BadInputError
 from twin.estimators import build_estimator
 from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream, sigma_column
 from twin.scenario import Scenario
-from twin.signals import NS_PER_S, Estimate, Estimator, EstimatorSetup, FloatArray, Measurement, SensorInfo
+from twin.signals import NS_PER_S, Estimate, Estimator, EstimatorSetup, FloatArray, Measurement, SensorInfo, Smoother
 
 EstimatorFactory = Callable[[EstimatorSetup], Estimator]
 
@@ -57,6 +57,12 @@ class EstimatorBank:
             name: np.triu_indices(len(listener.estimator.state_columns)) for name, listener in self._listeners.items()
         }
 
+        self._later = {
+            name: listener.estimator
+            for name, listener in self._listeners.items()
+            if isinstance(listener.estimator, Smoother) and listener.estimator.says_in_hindsight
+        }
+
     def deliver(self, measurement: Measurement) -> None:
         """Put a measurement in the queue; it is handed over when its time of arrival has come."""
         key = (measurement.t_available_ns, self._order[measurement.sensor], self._count)
@@ -71,9 +77,18 @@ class EstimatorBank:
             for name, due in self._due.items():
                 if due == now:
                     listener = self._listeners[name]
-                    self._writers[name].append(now, *self._parts(name, listener.estimator.estimate(now)))
+                    estimate = listener.estimator.estimate(now)
+                    if name not in self._later:
+                        self._writers[name].append(now, *self._parts(name, estimate))
                     self._due[name] = now + listener.period_ns
             self._next_due = min(self._due.values())
+
+    def finish(self) -> None:
+        """The run has ended: smoothers say what they know in hindsight."""
+        for name, estimator in self._later.items():
+            for estimate in estimator.hindsight():
+                self._writers[name].append(estimate.t_ns, *self._parts(name, estimate))
+        self._later = {}
 
     def _process_until(self, t_ns: int) -> None:
         while self._waiting and self._waiting[0][0] <= t_ns:

@@ -69,6 +69,7 @@ def execute(
         require_known(scenario, names, where=str(loaded.path))
         journey = Journey(scenario, world, members, full_rate=full_rate)
         reason = journey.go(progress)
+        members.finish()
         wall_s = time.perf_counter() - started
         simulated_s = world.tick * world.dt_ns / NS_PER_S
         timing = {

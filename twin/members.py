@@ -104,6 +104,10 @@ class Members(SensorRack):
         """All samples up to and including ``t_ns`` have been taken: let the estimators speak."""
         self._bank.advance(t_ns)
 
+    def finish(self) -> None:
+        """The run has ended: let those speak that know better in hindsight."""
+        self._bank.finish()
+
     def drain_estimates(self) -> dict[str, Stream]:
         """What each estimator said since the last time, by its name; it is valid until they speak again."""
         return self._bank.drain()
@@ -147,4 +151,5 @@ class Tape(SensorRack):
                 pause_at += pause_ns
             members.observe(sensor, capture)
         members.advance(self._end_ns)
+        members.finish()
         yield self._end_ns

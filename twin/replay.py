@@ -43,6 +43,7 @@ def replay(
     for measurement in in_order_sampled(measured):
         bank.deliver(measurement)
     bank.advance(nanoseconds(recording.ended_t_s))
+    bank.finish()
     wall_s = time.perf_counter() - started
     kept = {name: stream for name, stream in recording.streams.items() if not name.startswith("estimates/")}
     return dataclasses.replace(

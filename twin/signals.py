@@ -10,9 +10,9 @@ Frames, units and time follow one convention: local ENU world, FLU body, SI and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,6 +208,18 @@ class Estimator(Protocol):
 
     def estimate(self, t_ns: int) -> Estimate:
         """Return the estimate at ``t_ns``, after all that arrived until then."""
+
+
+@runtime_checkable
+class Smoother(Estimator, Protocol):
+    """An estimator that may say what counts only after the run, when it knows the future too."""
+
+    @property
+    def says_in_hindsight(self) -> bool:
+        """Whether it does; if not, it is an ordinary estimator."""
+
+    def hindsight(self) -> Iterator[Estimate]:
+        """Estimates for every time it was asked for, in order; once, after the run."""
 
 
 # --- what drives the machine -----------------------------------------------------------------------------------------

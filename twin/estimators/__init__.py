@@ -11,9 +11,10 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.ins_build import RowSpeedInsConfig
 from twin.estimators.radar_only import RadarOnly, RadarOnlyConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
-from twin.estimators.row_speed_ins import RowSpeedIns, RowSpeedInsConfig
+from twin.estimators.row_speed_ins import RowSpeedIns
 from twin.signals import Estimator, EstimatorSetup
 
 __all__ = [

@@ -128,7 +128,7 @@ class InertialArray:
         )
 
     def _lever_terms(self, rate: FloatArray) -> FloatArray:
-        """w' x r + w x (w x r) of every unit, (k, R, 3)."""
+        """Acceleration of every unit against the reference, dw/dt x r + w x (w x r), (k, R, 3)."""
         turning = np.zeros_like(rate) if self._last_rate is None else (rate - self._last_rate) / self._step_s
         self._last_rate = rate
         return np.stack([cross(turning, arm) + cross(rate, cross(rate, arm)) for arm in self._arms])
@@ -163,4 +163,3 @@ class InertialArray:
             energy = np.square(left[..., triad]).mean(axis=2)
             follows = np.where(live[..., place] & settled, self._residual_gain, 0.0)
             self._energy[..., place] += follows * (energy - self._energy[..., place])
-

@@ -4,10 +4,11 @@
 a state and compares that. No pulses mean no speed above the sensor's minimum, and nothing more: a dead radar reads
 the same. They are a cue of standstill, never a speed.
 
-**GNSS.** A position errs by a time-correlated part, a state of the filter with the size that the fix state allows, and a
-white part. A receiver's word is believed where such receivers are honest (a fixed solution), and not below a floor by
+**GNSS.** A position errs by a time-correlated part, a state of the filter with the size that the fix state allows, and
+a white part. A receiver's word is believed where such receivers are honest (a fixed solution), and not below a floor by
 fix state where they are not: a floating solution reports millimetres and errs by decimetres. Corrections that get old
-let the error grow (1.05 mm/s horizontally). A change of the fix state is a new error. A sigma of zero or none means
+let the error grow (1.05 mm/s horizontally). The units' mounting tilt turns the lever arm, which adds to the
+correlated part. A change of the fix state is a new error. A sigma of zero or none means
 that the receiver does not know it. Velocity is north and east, behind the receiver's own filter, with the noise of its
 data sheet.
 
@@ -19,7 +20,6 @@ latency is taken. In the second it may as well be late, and the position is beli
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,9 +35,14 @@ _AGE_GROWTH_M_S = 0.00105
 """Horizontal growth of the error of a fixed solution with the age of its corrections, root of both axes: 0.74 mm/s
 each (lefebure.com, RTK accuracy against age of corrections)."""
 _FRESH_S = 2.0
-_PULSE_SIGMA_M_S = 0.003
-"""Reading of a pulse period of some 20 ms with a timer of 10 us, and the rounding to whole pulses."""
+_PULSE_SIGMA_M_S = 0.0005
+"""Reading of a pulse period of some 20 ms with a timer of 10 us: 0.2 per mille of the speed."""
+_WHITE_SHARE = 0.26
+"""Share of a receiver's sigma that is new in every sample: 0.8 of 3.1 mm with the F9P's fixed solution."""
+_LEAST_WHITE_M = 0.0005
 _STAMP_SLACK_S = 0.15
+_CHANGE_M_S2 = 0.5
+"""How fast a farm machine changes its velocity: what a sample of a doubtful time may be off by."""
 
 
 class ReceiverTrust(Config):
@@ -51,12 +56,12 @@ class ReceiverTrust(Config):
     float_m: NonNegative = 0.25
     differential_m: NonNegative = 0.5
     single_m: NonNegative = 1.0
-    correlation_s: Positive = 100.0
+    correlation_s: Positive = 200.0
     """1/e time of the position error."""
 
     def floor(self, quality: FloatArray) -> FloatArray:
         """By NMEA quality (R,)."""
-        conditions = [quality == _FIXED, quality == 5.0, (quality == 2.0) | (quality == 3.0)]  # noqa: PLR2004
+        conditions = [quality == _FIXED, quality == 5.0, (quality == 2.0) | (quality == 3.0)]
         return np.select(conditions, [self.fix_m, self.float_m, self.differential_m], default=self.single_m)
 
 
@@ -107,8 +112,9 @@ class ReceiverAid:
 
     def __init__(
         self, info: SensorInfo, model: ReceiverModel, trust: ReceiverTrust, setup: EstimatorSetup, *, size: int,
-        robust: bool,
+        robust: bool, mounting_tilt_rad: float,
     ) -> None:  # fmt: skip
+        self._arm_error_m = mounting_tilt_rad * float(np.linalg.norm(model.arm_m))
         self.model = model
         self.sources = (f"{info.name}_position", f"{info.name}_speed")
         self.speed_sources = self.sources[1:]
@@ -145,11 +151,11 @@ class ReceiverAid:
         speed, course = self._column(measurement, SPEED_COLUMN, np.nan), self._column(measurement, "course_rad", np.nan)
         velocity = np.stack([speed * np.cos(course), speed * np.sin(course)], axis=-1)
         still, ratio = self._noise
-        velocity_variance = still**2 + (ratio * speed_m_s) ** 2
+        velocity_variance = still**2 + (ratio * speed_m_s) ** 2 + (_CHANGE_M_S2 * late_s) ** 2
         position = np.stack([self._column(measurement, column, np.nan) for column in POSITION_COLUMNS], axis=-1)
         quality = self._column(measurement, "quality", float(_FIXED))
         mask = usable(measurement, position) & (quality > 0.0)
-        sigma = self._sigma(measurement, quality)
+        said, sigma = self._sigma(measurement, quality)
         changed = np.zeros(len(mask), dtype=np.bool_)
         if self._quality is not None:
             changed = mask & (quality != self._quality)
@@ -157,7 +163,8 @@ class ReceiverAid:
         else:
             changed = mask
         self._quality = quality
-        white = np.maximum(0.3 * sigma, 0.001) ** 2 + (speed_m_s * late_s) ** 2
+        white = np.maximum(_WHITE_SHARE * said, _LEAST_WHITE_M) ** 2
+        sigma = np.hypot(sigma, speed_m_s * late_s)
         return [
             AidReading(
                 source=f"{name}_speed", sensor=name, observation=self._velocity, z=velocity,
@@ -171,8 +178,8 @@ class ReceiverAid:
             ),
         ]  # fmt: skip
 
-    def _sigma(self, measurement: Measurement, quality: FloatArray) -> FloatArray:
-        """Standard deviation of the position error per axis that goes with what the receiver says, (R,)."""
+    def _sigma(self, measurement: Measurement, quality: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard deviation of the position per axis as the receiver says, and as it is believed, (R,) each."""
         east, north = self._column(measurement, "sigma_e_m", np.nan), self._column(measurement, "sigma_n_m", np.nan)
         reported = np.sqrt(0.5 * (east * east + north * north))
         known = np.isfinite(reported) & (reported > 0.0)
@@ -180,7 +187,8 @@ class ReceiverAid:
         age = self._column(measurement, "age_s", 0.0)
         old = np.where(np.isfinite(age) & (quality == _FIXED), np.maximum(age - _FRESH_S, 0.0), 0.0)
         by_age = np.hypot(self._trust.fix_m, _AGE_GROWTH_M_S * old)
-        return np.maximum(np.maximum(said, self._trust.floor(quality)), by_age)
+        sigma = np.maximum(np.maximum(said, self._trust.floor(quality)), by_age)
+        return said, np.hypot(sigma, self._arm_error_m)
 
     def slow(self, measurement: Measurement) -> tuple[BoolArray, BoolArray]:
         """Members in which its speed is within its noise of zero, and in which it says anything."""

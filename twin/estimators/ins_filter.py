@@ -261,7 +261,7 @@ class StrapdownFilter:
         self.engine.update(aid.observation, z, mask, aid.variances)
 
     def _follow_fix(self, receiver: Receiving, known: BoolArray) -> None:
-        """Change the receiver's correlated error as its fix says: anew in another state, more with older corrections."""
+        """Change the receiver's correlated error as its fix says: anew in another state, more with age."""
         before = self.modes.position_sigma_m[receiver.model.name]
         renewed = receiver.changed & known
         grown = known & ~renewed & (receiver.sigma_m > before)
@@ -277,9 +277,7 @@ class StrapdownFilter:
 
     def _change(self, receiver: Receiving, renewed: BoolArray, added_m2: FloatArray) -> None:
         self._note_corrected()
-        change = ErrorChange(
-            receiver.model, keep=np.where(renewed, 0.0, 1.0), added_m2=added_m2, size=self.model.size
-        )
+        change = ErrorChange(receiver.model, keep=np.where(renewed, 0.0, 1.0), added_m2=added_m2, size=self.model.size)
         self._predict(change, self._zero, 0.0)
 
     def _keep_sigma(self, receiver: Receiving, sigma_m: FloatArray) -> None:

@@ -9,8 +9,8 @@ The state of one rigid body, in this order (body axes FLU at the reference point
     b_g (3)           gyroscope bias, rad/s
     k (3)             what a yaw rate of 1 rad/s falsely adds to each gyro axis: cross-axis on x and y, scale on z
     beta              sideslip: lateral velocity of the point that should not slip, m/s
-    and, for every pulse sensor (radar, AccoSat), its lagged output L (m/s) and scale error s;
-    for every GNSS receiver its lagged velocity G_e, G_n (m/s) and the time-correlated error c_e, c_n (m) of its position
+    and, for every pulse sensor (radar, AccoSat), its lagged output L (m/s) and scale error s; for every GNSS
+    receiver its lagged velocity G_e, G_n (m/s) and the time-correlated error c_e, c_n (m) of its position
 
 Strapdown mechanisation (Titterton and Weston 2004, chapter 3, without the earth's rotation: 7e-5 rad/s are lost in the
 gyro bias) with the inertial sample u = (f, g), specific force and angular rate averaged over the step T:
@@ -38,7 +38,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin.geometry import STANDARD_GRAVITY_M_S2
-from twin.signals import BoolArray, FloatArray
+from twin.signals import FloatArray
 
 E, N = 0, 1
 VX, VY, VZ = 2, 3, 4
@@ -121,6 +121,19 @@ class Drive:
     """(R,) standard deviation of each receiver's correlated error."""
 
 
+@dataclass(slots=True)
+class _Step:
+    """A prediction in the making."""
+
+    x: FloatArray
+    u: FloatArray
+    w: FloatArray
+    dw: FloatArray
+    dt: float
+    moved: FloatArray
+    F: FloatArray
+
+
 class Strapdown:
     """The motion model; ``drive`` is set before each prediction.
 
@@ -148,113 +161,42 @@ class Strapdown:
         corrected: FloatArray = unbiased - x[:, K : K + 3] * unbiased[:, 2:3]
         return corrected
 
+    def _rate_jacobian(self, x: FloatArray, u: FloatArray) -> FloatArray:
+        """Derivative of :meth:`rate` by the state, (R, 3, n)."""
+        dw = np.zeros((len(x), 3, self.size))
+        for axis in range(3):
+            dw[:, axis, BG + axis] -= 1.0
+            dw[:, axis, BG + 2] += x[:, K + axis]
+            dw[:, axis, K + axis] = x[:, BG + 2] - u[:, 5]
+        return dw
+
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
         """State after ``dt_s`` (R, n) and its Jacobian (R, n, n)."""
         runs = len(x)
         F = np.zeros((runs, self.size, self.size))
         F[:] = np.eye(self.size)
         moved = x.copy()
-        w = self.rate(x, u)
-        wz = u[:, 5] - x[:, BG + 2]
-        dw = np.zeros((runs, 3, self.size))
-        for axis in range(3):
-            dw[:, axis, BG + axis] -= 1.0
-            dw[:, axis, BG + 2] += x[:, K + axis]
-            dw[:, axis, K + axis] = -wz
-        self._turn(x, w, dw, dt_s, moved, F)
-        self._accelerate(x, u, w, dw, dt_s, moved, F)
-        self._travel(x, dt_s, moved, F)
+        step = _Step(x=x, u=u, w=self.rate(x, u), dw=self._rate_jacobian(x, u), dt=dt_s, moved=moved, F=F)
+        _turn(step)
+        _accelerate(step)
+        _travel(step)
         keep = math.exp(-dt_s / self._noise.sideslip_correlation_s)
         moved[:, SLIP] = keep * x[:, SLIP]
         F[:, SLIP, SLIP] = keep
         for sensor in self.pulse_sensors:
-            self._lag_pulses(sensor, x, w, dw, dt_s, moved, F)
+            self._lag_pulses(sensor, step)
         for receiver in self.receivers:
-            self._lag_receiver(receiver, x, w, dw, dt_s, moved, F)
+            _lag_receiver(receiver, step)
         return moved, F
 
-    @staticmethod
-    def _turn(x: FloatArray, w: FloatArray, dw: FloatArray, dt: float, moved: FloatArray, F: FloatArray) -> None:
-        sine, cosine = np.sin(x[:, ROLL]), np.cos(x[:, ROLL])
-        tangent, secant = np.tan(x[:, PITCH]), 1.0 / np.cos(x[:, PITCH])
-        about = w[:, 1] * sine + w[:, 2] * cosine  # the rate about the vertical, times cos theta
-        cross = w[:, 1] * cosine - w[:, 2] * sine
-        moved[:, ROLL] += dt * (w[:, 0] + about * tangent)
-        moved[:, PITCH] += dt * cross
-        moved[:, YAW] += dt * about * secant
-        F[:, ROLL, ROLL] += dt * cross * tangent
-        F[:, ROLL, PITCH] += dt * about * secant * secant
-        F[:, PITCH, ROLL] -= dt * about
-        F[:, YAW, ROLL] += dt * cross * secant
-        F[:, YAW, PITCH] += dt * about * secant * tangent
-        d_about = sine[:, np.newaxis] * dw[:, 1] + cosine[:, np.newaxis] * dw[:, 2]
-        F[:, ROLL] += dt * (dw[:, 0] + tangent[:, np.newaxis] * d_about)
-        F[:, PITCH] += dt * (cosine[:, np.newaxis] * dw[:, 1] - sine[:, np.newaxis] * dw[:, 2])
-        F[:, YAW] += dt * secant[:, np.newaxis] * d_about
-
-    @staticmethod
-    def _accelerate(
-        x: FloatArray, u: FloatArray, w: FloatArray, dw: FloatArray, dt: float, moved: FloatArray, F: FloatArray
-    ) -> None:
-        roll, pitch = 0.5 * (x[:, ROLL] + moved[:, ROLL]), 0.5 * (x[:, PITCH] + moved[:, PITCH])
-        sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
-        g = STANDARD_GRAVITY_M_S2
-        v = x[:, VX : VZ + 1]
-        gravity = np.stack([g * sp, -g * cp * sr, -g * cp * cr], axis=-1)
-        moved[:, VX : VZ + 1] += dt * (u[:, _FORCE] - x[:, BA : BA + 3] + gravity - cross(w, v))
-        F[:, VX, PITCH] += dt * g * cp
-        F[:, VY, ROLL] -= dt * g * cp * cr
-        F[:, VY, PITCH] += dt * g * sp * sr
-        F[:, VZ, ROLL] += dt * g * cp * sr
-        F[:, VZ, PITCH] += dt * g * sp * cr
-        for axis in range(3):
-            first, second = (axis + 1) % 3, (axis + 2) % 3
-            F[:, VX + axis, BA + axis] -= dt
-            # (w x v)_axis = w_first v_second - w_second v_first
-            F[:, VX + axis, VX + second] -= dt * w[:, first]
-            F[:, VX + axis, VX + first] += dt * w[:, second]
-            F[:, VX + axis] -= dt * (v[:, second, np.newaxis] * dw[:, first] - v[:, first, np.newaxis] * dw[:, second])
-
-    @staticmethod
-    def _travel(x: FloatArray, dt: float, moved: FloatArray, F: FloatArray) -> None:
-        v = 0.5 * (x[:, VX : VZ + 1] + moved[:, VX : VZ + 1])
-        attitude = 0.5 * (x[:, ROLL : YAW + 1] + moved[:, ROLL : YAW + 1])
-        east_north, by_velocity, by_attitude = horizontal(v, attitude)
-        moved[:, :2] += dt * east_north
-        F[:, :2, VX : VZ + 1] += dt * by_velocity
-        F[:, :2, ROLL : YAW + 1] += dt * by_attitude
-
-    def _lag_pulses(
-        self, sensor: PulseSensorModel, x: FloatArray, w: FloatArray, dw: FloatArray, dt: float, moved: FloatArray,
-        F: FloatArray,
-    ) -> None:  # fmt: skip
+    def _lag_pulses(self, sensor: PulseSensorModel, step: _Step) -> None:
+        x, w, dw, dt, moved, F = step.x, step.w, step.dw, step.dt, step.moved, step.F
         at = sensor.at
         seen, d_seen = doppler(sensor, x, w), _doppler_jacobian(sensor, x, w, dw)
         gain = lag_gain(self.drive.lags_s[sensor.name], dt)
         moved[:, at] = x[:, at] + gain * (seen - x[:, at])
         F[:, at] = gain[:, np.newaxis] * d_seen
         F[:, at, at] += 1.0 - gain
-
-    def _lag_receiver(
-        self, receiver: ReceiverModel, x: FloatArray, w: FloatArray, dw: FloatArray, dt: float, moved: FloatArray,
-        F: FloatArray,
-    ) -> None:  # fmt: skip
-        at = receiver.at
-        arm = np.array(receiver.arm_m)
-        velocity = x[:, VX : VZ + 1] + cross(w, arm)
-        east_north, by_velocity, by_attitude = horizontal(velocity, x[:, ROLL : YAW + 1])
-        gain = 1.0 - math.exp(-dt / receiver.velocity_lag_s) if receiver.velocity_lag_s > 0.0 else 1.0
-        moved[:, at : at + 2] = x[:, at : at + 2] + gain * (east_north - x[:, at : at + 2])
-        d_swing = _cross_jacobian(dw, arm)
-        F[:, at : at + 2] = gain * np.matmul(by_velocity, d_swing)
-        F[:, at : at + 2, VX : VZ + 1] += gain * by_velocity
-        F[:, at : at + 2, ROLL : YAW + 1] += gain * by_attitude
-        F[:, at, at] += 1.0 - gain
-        F[:, at + 1, at + 1] += 1.0 - gain
-        keep = math.exp(-dt / receiver.correlation_s)
-        for place in (at + 2, at + 3):
-            moved[:, place] = keep * x[:, place]
-            F[:, place, place] = keep
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
         """Process noise of ``dt_s``, shape (R, n, n)."""
@@ -283,8 +225,87 @@ class Strapdown:
         return Q
 
 
+# --- parts of a step ------------------------------------------------------------------------------------------------
+
+
+def _turn(step: _Step) -> None:
+    """Attitude."""
+    x, w, dw, dt, moved, F = step.x, step.w, step.dw, step.dt, step.moved, step.F
+    sine, cosine = np.sin(x[:, ROLL]), np.cos(x[:, ROLL])
+    tangent, secant = np.tan(x[:, PITCH]), 1.0 / np.cos(x[:, PITCH])
+    about = w[:, 1] * sine + w[:, 2] * cosine  # the rate about the vertical, times cos theta
+    cross = w[:, 1] * cosine - w[:, 2] * sine
+    moved[:, ROLL] += dt * (w[:, 0] + about * tangent)
+    moved[:, PITCH] += dt * cross
+    moved[:, YAW] += dt * about * secant
+    F[:, ROLL, ROLL] += dt * cross * tangent
+    F[:, ROLL, PITCH] += dt * about * secant * secant
+    F[:, PITCH, ROLL] -= dt * about
+    F[:, YAW, ROLL] += dt * cross * secant
+    F[:, YAW, PITCH] += dt * about * secant * tangent
+    d_about = sine[:, np.newaxis] * dw[:, 1] + cosine[:, np.newaxis] * dw[:, 2]
+    F[:, ROLL] += dt * (dw[:, 0] + tangent[:, np.newaxis] * d_about)
+    F[:, PITCH] += dt * (cosine[:, np.newaxis] * dw[:, 1] - sine[:, np.newaxis] * dw[:, 2])
+    F[:, YAW] += dt * secant[:, np.newaxis] * d_about
+
+
+def _accelerate(step: _Step) -> None:
+    """Velocity, with the gravity of the mean attitude over the step."""
+    x, u, w, dw, dt, moved, F = step.x, step.u, step.w, step.dw, step.dt, step.moved, step.F
+    roll, pitch = 0.5 * (x[:, ROLL] + moved[:, ROLL]), 0.5 * (x[:, PITCH] + moved[:, PITCH])
+    sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+    g = STANDARD_GRAVITY_M_S2
+    v = x[:, VX : VZ + 1]
+    gravity = np.stack([g * sp, -g * cp * sr, -g * cp * cr], axis=-1)
+    moved[:, VX : VZ + 1] += dt * (u[:, _FORCE] - x[:, BA : BA + 3] + gravity - cross(w, v))
+    F[:, VX, PITCH] += dt * g * cp
+    F[:, VY, ROLL] -= dt * g * cp * cr
+    F[:, VY, PITCH] += dt * g * sp * sr
+    F[:, VZ, ROLL] += dt * g * cp * sr
+    F[:, VZ, PITCH] += dt * g * sp * cr
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        F[:, VX + axis, BA + axis] -= dt
+        # (w x v)_axis = w_first v_second - w_second v_first
+        F[:, VX + axis, VX + second] -= dt * w[:, first]
+        F[:, VX + axis, VX + first] += dt * w[:, second]
+        F[:, VX + axis] -= dt * (v[:, second, np.newaxis] * dw[:, first] - v[:, first, np.newaxis] * dw[:, second])
+
+
+def _travel(step: _Step) -> None:
+    """Position, by mean velocity and attitude."""
+    x, dt, moved, F = step.x, step.dt, step.moved, step.F
+    v = 0.5 * (x[:, VX : VZ + 1] + moved[:, VX : VZ + 1])
+    attitude = 0.5 * (x[:, ROLL : YAW + 1] + moved[:, ROLL : YAW + 1])
+    east_north, by_velocity, by_attitude = horizontal(v, attitude)
+    moved[:, :2] += dt * east_north
+    F[:, :2, VX : VZ + 1] += dt * by_velocity
+    F[:, :2, ROLL : YAW + 1] += dt * by_attitude
+
+
+def _lag_receiver(receiver: ReceiverModel, step: _Step) -> None:
+    """A receiver's lagged velocity and correlated error."""
+    x, w, dw, dt, moved, F = step.x, step.w, step.dw, step.dt, step.moved, step.F
+    at = receiver.at
+    arm = np.array(receiver.arm_m)
+    velocity = x[:, VX : VZ + 1] + cross(w, arm)
+    east_north, by_velocity, by_attitude = horizontal(velocity, x[:, ROLL : YAW + 1])
+    gain = 1.0 - math.exp(-dt / receiver.velocity_lag_s) if receiver.velocity_lag_s > 0.0 else 1.0
+    moved[:, at : at + 2] = x[:, at : at + 2] + gain * (east_north - x[:, at : at + 2])
+    d_swing = _cross_jacobian(dw, arm)
+    F[:, at : at + 2] = gain * np.matmul(by_velocity, d_swing)
+    F[:, at : at + 2, VX : VZ + 1] += gain * by_velocity
+    F[:, at : at + 2, ROLL : YAW + 1] += gain * by_attitude
+    F[:, at, at] += 1.0 - gain
+    F[:, at + 1, at + 1] += 1.0 - gain
+    keep = math.exp(-dt / receiver.correlation_s)
+    for place in (at + 2, at + 3):
+        moved[:, place] = keep * x[:, place]
+        F[:, place, place] = keep
+
+
 class ErrorChange:
-    """A receiver's correlated error changes at one instant: it is drawn anew (``keep`` 0), or has grown (``keep`` 1)."""
+    """A receiver's correlated error changes at once: it is drawn anew (``keep`` 0), or grows (``keep`` 1)."""
 
     def __init__(self, receiver: ReceiverModel, *, keep: FloatArray, added_m2: FloatArray, size: int) -> None:
         self._places = [receiver.at + 2, receiver.at + 3]
@@ -346,7 +367,7 @@ def _cross_jacobian(dw: FloatArray, arm: FloatArray) -> FloatArray:
 
 
 def horizontal(v: FloatArray, attitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """East and north (R, 2) of a body vector (R, 3), and its derivatives by the vector and by the attitude (R, 2, 3)."""
+    """East and north (R, 2) of a body vector (R, 3); its derivatives by vector and attitude (R, 2, 3)."""
     sr, cr = np.sin(attitude[:, 0]), np.cos(attitude[:, 0])
     sp, cp = np.sin(attitude[:, 1]), np.cos(attitude[:, 1])
     sy, cy = np.sin(attitude[:, 2]), np.cos(attitude[:, 2])

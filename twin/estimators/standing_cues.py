@@ -1,8 +1,8 @@
 """Whether a machine stands, from several cues at once.
 
-A standing machine does not turn or shake (gyroscopes), is not being accelerated (accelerometers), and every speed sensor
-that speaks says so: no pulses, a GNSS speed within its noise. One cue against it is enough: a false standstill costs the
-whole speed, a missed one nothing.
+A standing machine does not turn or shake (gyroscopes), is not being accelerated (accelerometers), and every speed
+sensor that speaks says so: no pulses, a GNSS speed within its noise. One cue against it is enough: a false standstill
+costs the whole speed, a missed one nothing.
 
 Gyroscopes: the low-passed square of the deviation from their own low-passed mean, averaged over the three axes, stays
 below what noise leaves, 1 + z sqrt(2 alpha / (2 - alpha) / 3) of the data sheet's variance. On class A ground at
@@ -56,7 +56,7 @@ class StandingCues:
         self._slow_speeds[sensor] = (index, patience, slow, known)
 
     def standing(self, index: int, fused: Fused, own_slow: BoolArray) -> BoolArray:
-        """Members that stand at step ``index``; ``own_slow`` (R,) is the filter's own opinion, where no sensor speaks."""
+        """Members that stand at step ``index``; ``own_slow`` (R,) is the filter's word where none speaks."""
         if self._count < self._settling:
             return np.zeros(len(own_slow), dtype=np.bool_)
         spread = math.sqrt(2.0 * self._alpha / (2.0 - self._alpha) / 3.0)
@@ -71,5 +71,3 @@ class StandingCues:
                 still = still & (slow | ~known)
                 heard = heard | known
         return still & (heard | own_slow)
-
-
