@@ -104,6 +104,8 @@ class ScoringConfig(Config):
     """True yaw rate beyond which the machine is said to be turning."""
     loss: LossConfig | None = None
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
+    causal_bound_of: str | None = None
+    """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
     limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
 
@@ -162,6 +164,9 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        bound_of = self.scoring.causal_bound_of
+        if bound_of is not None and bound_of not in self.estimators:
+            raise ValueError(f"scoring.causal_bound_of: {unknown(bound_of, self.estimators, 'estimator')}")
         return self
 
     @model_validator(mode="after")

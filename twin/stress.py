@@ -78,8 +78,8 @@ class TaskResult:
     envelopes: dict[str, Envelope]
     nees: dict[str, tuple[IntArray, FloatArray]]
     """By estimator: times (T,) and NEES of the first member (T,)."""
-    nis: dict[str, tuple[float, int]]
-    """By ``<estimator>.<column>``: sum and number of the first member's NIS."""
+    nis: dict[str, tuple[IntArray, FloatArray]]
+    """By ``<estimator>.<column>``: ends of seconds (T,) and the first member's first NIS in each of them (T,)."""
     states: dict[str, int]
     """By estimator: number of states of its covariance."""
     ended_reason: str = "duration"
@@ -211,8 +211,12 @@ class _Watcher:
             times, before = self._result.nees.get(estimator, (np.empty(0, dtype=np.int64), np.empty(0)))
             self._result.nees[estimator] = np.append(times, t_ns[known]), np.append(before, values[known])
         else:
-            total, count = self._result.nis.get(f"{estimator}.{signal}", (0.0, 0))
-            self._result.nis[f"{estimator}.{signal}"] = total + float(values[known].sum()), count + int(known.sum())
+            key = f"{estimator}.{signal}"
+            times, before = self._result.nis.get(key, (np.empty(0, dtype=np.int64), np.empty(0)))
+            # One a second, at the end of its second, so that worlds with other arrivals have instants in common.
+            ends, first = np.unique(-(-t_ns[known] // NS_PER_S) * NS_PER_S, return_index=True)
+            new = ~np.isin(ends, times)
+            self._result.nis[key] = np.append(times, ends[new]), np.append(before, values[known][first[new]])
 
 
 # --- all tasks -------------------------------------------------------------------------------------------------------

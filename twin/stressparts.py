@@ -56,7 +56,8 @@ class Parts:
             arrays |= {f"times/{name}": envelope.t_ns, f"counts/{name}": envelope.counts}
         for name, (t_ns, values) in result.nees.items():
             arrays |= {f"nees_t/{name}": t_ns, f"nees/{name}": values}
-        arrays |= {f"nis/{name}": np.array(pair) for name, pair in result.nis.items()}
+        for name, (t_ns, values) in result.nis.items():
+            arrays |= {f"nis_t/{name}": t_ns, f"nis/{name}": values}
         arrays |= {f"wall/{name}": np.array(value) for name, value in result.wall_s.items()}
         arrays["reason"], arrays["ended_t_s"] = np.array(result.ended_reason), np.array(result.ended_t_s)
         partial = self._file(task).with_suffix(".partial.npz")
@@ -87,13 +88,13 @@ def _result(arrays: dict[str, Any]) -> TaskResult:
     def below(prefix: str) -> dict[str, Any]:
         return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
-    counts, nees = below("counts/"), below("nees/")
+    counts, nees, nis = below("counts/"), below("nees/"), below("nis/")
     return TaskResult(
         metrics=below("metric/"),
         motion={name: float(value) for name, value in below("motion/").items()},
         envelopes={name: Envelope(t_ns=t_ns, counts=counts[name]) for name, t_ns in below("times/").items()},
         nees={name: (t_ns, nees[name]) for name, t_ns in below("nees_t/").items()},
-        nis={name: (float(total), int(count)) for name, (total, count) in below("nis/").items()},
+        nis={name: (t_ns, nis[name]) for name, t_ns in below("nis_t/").items()},
         states={name: int(value) for name, value in below("states/").items()},
         ended_reason=str(arrays["reason"]),
         ended_t_s=float(arrays["ended_t_s"]),

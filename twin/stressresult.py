@@ -17,12 +17,12 @@ import pyarrow.parquet as pq
 
 from twin.scenario import LoadedScenario
 from twin.scoring.checks import Outcome
+from twin.scoring.consistency import nis_degrees
 from twin.scoring.ensemble import (
     QUANTILES,
     Consistency,
     judge_ensemble,
-    nees_over_worlds,
-    nis_over_worlds,
+    over_worlds,
     quantiles,
 )
 from twin.scoring.envelopes import Envelope
@@ -171,9 +171,16 @@ def _consistency(tasks: list[TaskResult]) -> dict[str, list[Consistency]]:
     """NEES and every kind of NIS of each estimator, over the worlds."""
     found: dict[str, list[Consistency]] = {}
     for name, states in tasks[0].states.items():
-        nees = nees_over_worlds([task.nees[name] for task in tasks if name in task.nees], states) if states else None
+        nees = over_worlds("nees", [task.nees[name] for task in tasks if name in task.nees], states) if states else None
         columns = [key.partition(".")[2] for key in tasks[0].nis if key.partition(".")[0] == name]
-        nis = [nis_over_worlds(column, [task.nis[f"{name}.{column}"] for task in tasks]) for column in columns]
+        nis = [
+            over_worlds(
+                column,
+                [task.nis[key] for task in tasks if (key := f"{name}.{column}") in task.nis],
+                nis_degrees(column),
+            )
+            for column in columns
+        ]
         known = [value for value in (nees, *nis) if value is not None]
         if known:
             found[name] = known

@@ -10,7 +10,7 @@ from tests.small_scenario import small_scenario
 from twin.recording import Stream, covariance_column
 from twin.scenario import Scenario, resolve
 from twin.scoring.consistency import NEES_PERIOD_NS, nees, state_columns
-from twin.scoring.ensemble import nees_over_worlds
+from twin.scoring.ensemble import over_worlds
 from twin.scoring.metrics import Scorer, compare, sampled_nees
 from twin.signals import HEADING, NS_PER_S, POSITION, SPEED, FloatArray, IntArray
 
@@ -131,7 +131,7 @@ def test_a_matched_kalman_filter_is_inside_its_bounds_and_one_of_a_quarter_of_it
         scorer = Scorer(_scenario(), truth.columns, {"kalman": estimate.columns}, watch=watch)
         scorer.add(truth, {"kalman": estimate})
         means.append(scorer.metrics()["kalman.consistency.nees"][0])
-    found = nees_over_worlds(worlds, len(AXIS))
+    found = over_worlds("nees", worlds, len(AXIS))
     assert found is not None
     assert (found.degrees, found.worlds, len(worlds[0][0])) == (2, WORLDS, SECONDS)
     assert found.mean == pytest.approx(np.mean(means))

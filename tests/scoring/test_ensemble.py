@@ -8,7 +8,7 @@ from scipy import stats
 
 from tests.small_scenario import small_scenario
 from twin.scenario import resolve
-from twin.scoring.ensemble import bound, judge_ensemble, nees_over_worlds, nis_over_worlds, quantiles
+from twin.scoring.ensemble import bound, judge_ensemble, over_worlds, quantiles
 from twin.scoring.envelopes import Envelope
 
 
@@ -101,29 +101,29 @@ def test_never_keeps_a_minimum_and_breaks_a_maximum() -> None:
 
 def test_nis_over_worlds_is_held_to_its_degrees_of_freedom() -> None:
     rng = np.random.default_rng(5)
-    sums = [(float(rng.chisquare(2, size=500).sum()), 500) for _ in range(20)]
-    found = nis_over_worlds("nis_gnss_position", sums)
+    t_ns = np.arange(400)
+    worlds = [(t_ns, rng.chisquare(2, size=400)) for _ in range(50)]
+    found = over_worlds("nis_gnss_position", worlds, 2)
     assert found is not None
-    assert found.degrees == 2
-    assert found.inside == 1.0
-    # 10 000 values of chi2(2): mean 2, standard error 0.02.
-    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.02, rel=0.02)
-    wrong = nis_over_worlds("nis_gnss_position", [(1.1 * total, count) for total, count in sums])
+    # chi2(100) / 50 has mean 2 and standard deviation 0.283; 95 % of 400 instants, give or take four standard errors.
+    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.283, rel=0.02)
+    assert abs(found.inside - 0.95) < 0.044
+    wrong = over_worlds("nis_gnss_position", [(t, 1.5 * values) for t, values in worlds], 2)
     assert wrong is not None
-    assert wrong.inside == 0.0
+    assert wrong.inside < 0.5
 
 
 def test_a_consistent_filter_is_inside_its_nees_bounds_and_an_overconfident_one_is_not() -> None:
     rng = np.random.default_rng(4)
     t_ns = np.arange(200)
     honest = [(t_ns, rng.chisquare(5, size=200)) for _ in range(50)]
-    found = nees_over_worlds(honest, 5)
+    found = over_worlds("nees", honest, 5)
     assert found is not None
     # 95 % of 200 independent instants; four standard errors are 6.2 %.
     assert abs(found.inside - 0.95) < 0.062
     # chi2(250) has mean 250 and standard deviation 22.4: bounds at about 5 +- 1.96 * 0.447.
     assert found.low == pytest.approx(5 - 0.876, abs=0.06)
     assert found.high == pytest.approx(5 + 0.876, abs=0.06)
-    overconfident = nees_over_worlds([(t, 4.0 * values) for t, values in honest], 5)
+    overconfident = over_worlds("nees", [(t, 4.0 * values) for t, values in honest], 5)
     assert overconfident is not None
     assert overconfident.inside < 0.05

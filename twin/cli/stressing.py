@@ -146,7 +146,7 @@ def _consistency(point: Point) -> Table:
         table.add_column(heading, justify="right")
     for name, found in point.consistency.items():
         for each in found:
-            inside = f"{100 * each.inside:.0f} %" if each.statistic == "nees" else ("yes" if each.inside else "no")
+            inside = f"{100 * each.inside:.0f} %"
             bounds = f"{each.low:.3g} to {each.high:.3g}"
             table.add_row(name, each.statistic, figure(each.mean), str(each.degrees), bounds, inside)
     return table

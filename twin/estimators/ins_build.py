@@ -111,6 +111,8 @@ class RowSpeedInsConfig(Config):
     start: InsStartConfig = InsStartConfig()
     standstill: bool = True
     """Whether standstill is recognised."""
+    scale_states: bool = True
+    """Whether scale errors of gyroscopes and pulse sensors are estimated, or taken to be none."""
     hindsight: bool = False
     """Say what a smoother would have known (after the run) instead of what the filter knew. A reference, not a
     filter."""
@@ -193,10 +195,10 @@ def _process_noise(config: RowSpeedInsConfig, units: list[SensorInfo]) -> Proces
         gyro_bias=_wander(units, "gyro", "rad_s"),
         accel_extra=noise.accel_extra_m_s2_rthz,
         rate_extra=noise.rate_extra_rad_s_rthz,
-        response=noise.response_1_rts,
+        response=noise.response_1_rts if config.scale_states else 0.0,
         sideslip_m_s=wheels.sideslip_m_s,
         sideslip_correlation_s=wheels.sideslip_correlation_s,
-        scale=noise.scale_1_rts,
+        scale=noise.scale_1_rts if config.scale_states else 0.0,
     )
 
 
@@ -225,5 +227,8 @@ def start(
     for receiver in model.receivers:
         sigma[receiver.at : receiver.at + 2] = begin.speed_m_s
         sigma[receiver.at + 2 : receiver.at + 4] = config.gnss.single_m
+    if not config.scale_states:
+        sigma[K : K + 3] = 0.0
+        sigma[[sensor.at + 1 for sensor in model.pulse_sensors]] = 0.0
     P = np.diag(np.square(sigma))
     return np.repeat(x[np.newaxis], setup.runs, axis=0), np.repeat(P[np.newaxis], setup.runs, axis=0)

@@ -21,7 +21,6 @@ from scipy import stats
 
 from twin.scenario import Check, Scenario
 from twin.scoring.checks import Outcome, within
-from twin.scoring.consistency import nis_degrees
 from twin.signals import BoolArray, FloatArray, IntArray
 
 QUANTILES = (0.05, 0.5, 0.95)
@@ -110,9 +109,9 @@ class Consistency:
     """Mean over worlds and instants."""
     low: float
     high: float
-    """95 % bounds: of the mean over worlds at one instant (NEES), of the mean over all updates (NIS)."""
+    """95 % bounds of the mean over worlds at one instant."""
     inside: float
-    """Share of instants (NEES) or 1 or 0 for the one mean (NIS) within the bounds."""
+    """Share of instants within the bounds: 0.95 if consistent."""
 
 
 def _bounds(values: int, degrees: int) -> tuple[float, float]:
@@ -122,10 +121,11 @@ def _bounds(values: int, degrees: int) -> tuple[float, float]:
     return low, high
 
 
-def nees_over_worlds(worlds: list[tuple[IntArray, FloatArray]], states: int) -> Consistency | None:
-    """Compare NEES (times, values of one member) of M worlds with its bounds; None without common instants.
+def over_worlds(statistic: str, worlds: list[tuple[IntArray, FloatArray]], degrees: int) -> Consistency | None:
+    """Compare a statistic (times, values of one member) of M worlds with its bounds; None without common instants.
 
-    One member stands for its world: the mean of several would be narrower than the bounds and hide overconfidence.
+    One member stands for its world: the mean of several would be narrower than the bounds and hide overconfidence. The
+    bounds are those of the mean over M worlds at one instant (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
     """
     if not worlds:
         return None
@@ -135,36 +135,14 @@ def nees_over_worlds(worlds: list[tuple[IntArray, FloatArray]], states: int) -> 
     if not len(common):
         return None
     mean: FloatArray = np.mean([values[np.isin(t_ns, common)] for t_ns, values in worlds], axis=0)
-    low, high = _bounds(len(worlds), states)
+    low, high = _bounds(len(worlds), degrees)
     inside: BoolArray = (mean >= low) & (mean <= high)
     return Consistency(
-        statistic="nees",
-        degrees=states,
+        statistic=statistic,
+        degrees=degrees,
         worlds=len(worlds),
         mean=float(mean.mean()),
         low=low,
         high=high,
         inside=float(inside.mean()),
-    )
-
-
-def nis_over_worlds(column: str, sums: list[tuple[float, int]]) -> Consistency | None:
-    """Compare the mean of one kind of NIS with its bounds: sums and counts of one member of each world.
-
-    Innovations of a consistent filter are white, so all updates count as independent.
-    """
-    count = sum(number for _, number in sums)
-    if not count:
-        return None
-    degrees = nis_degrees(column)
-    mean = sum(total for total, _ in sums) / count
-    low, high = _bounds(count, degrees)
-    return Consistency(
-        statistic=column,
-        degrees=degrees,
-        worlds=len(sums),
-        mean=mean,
-        low=low,
-        high=high,
-        inside=float(low <= mean <= high),
     )

@@ -22,10 +22,13 @@ from twin.geometry import wrap_angle
 from twin.recording import Recording, Stream
 from twin.scenario import Scenario
 from twin.scoring import consistency
+from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import Measure, measures_of, row_numbers
 from twin.signals import NS_PER_S, SPEED, YAW_RATE, BoolArray, FloatArray, IntArray, nanoseconds, row_speed, wraps
 
 Metrics = dict[str, FloatArray]
+
+_MOVING_M_S = 0.1
 
 
 def phase_names(scenario: Scenario, truth_columns: Sequence[str]) -> list[str]:
@@ -63,6 +66,7 @@ def estimator_measures(scenario: Scenario, truth: Sequence[str], estimate: Seque
 def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[str, Sequence[str]]) -> list[str]:
     """Names of all metrics that a run with these truth and estimate columns will have."""
     names = [f"truth.{name}" for name in _motion_names(truth)]
+    names += [f"bound.{name}" for name in _bound_names(scenario, truth)]
     for estimator, columns in estimates.items():
         for measure in estimator_measures(scenario, truth, columns):
             names += [f"{estimator}.{name}" for name in _phased(measure, phase_names(scenario, truth))]
@@ -293,4 +297,40 @@ def motion_metrics(truth: Stream, scenario: Scenario) -> Metrics:
     for row in row_numbers(truth.columns):
         extra = np.abs(truth.column(row_speed(row))[turning] - truth.column(SPEED)[turning])
         values.append(extra.mean(axis=0) if len(turning) else np.full(1, math.nan))
-    return {f"truth.{name}": value for name, value in zip(_motion_names(truth.columns), values, strict=True)}
+    found = {f"truth.{name}": value for name, value in zip(_motion_names(truth.columns), values, strict=True)}
+    return found | _bounds(truth, scenario)
+
+
+# --- what a filter could know ----------------------------------------------------------------------------------------
+
+
+def _bound_names(scenario: Scenario, columns: Sequence[str]) -> list[str]:
+    if scenario.scoring.causal_bound_of is None or YAW_RATE not in columns:
+        return []
+    return [f"row_speed.mean_abs_error_{phase}_m_s" for phase in ("turns", "straights")]
+
+
+def _bounds(truth: Stream, scenario: Scenario) -> Metrics:
+    """Bound on the row-speed error of any causal filter with one estimator's sensors, at each phase's mean speed."""
+    estimator = scenario.scoring.causal_bound_of
+    if estimator is None:
+        return {}
+    rows = scenario.scoring.rows
+    counted = [row for row in row_numbers(truth.columns) if rows is None or row in rows]
+    rows_y_m = [scenario.machine.rows_y_m[row - 1] for row in counted]
+    found: Metrics = {}
+    at = np.flatnonzero(truth.t_ns >= nanoseconds(scenario.scoring.from_s))
+    masks = phases(scenario, truth, at)
+    speed = np.abs(truth.column(SPEED)[at, 0])
+    for phase in ("turns", "straights"):
+        moving = masks[f"_{phase}"] & (speed > _MOVING_M_S)
+        bound = math.nan
+        if moving.any():
+            bound = causal_bound_m_s(
+                scenario,
+                scenario.estimators[estimator].sensors,
+                speed_m_s=float(speed[moving].mean()),
+                rows_y_m=rows_y_m,
+            )
+        found[f"bound.row_speed.mean_abs_error_{phase}_m_s"] = np.array([bound])
+    return found

@@ -88,6 +88,19 @@ class Jump:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """Columns are a multiple of what they were."""
+
+    columns: IntArray
+    factor: float
+
+    def apply(self, delivery: Delivery, since_ns: int | None) -> None:
+        """Multiply by the factor."""
+        if since_ns is not None:
+            delivery.values[:, self.columns] *= self.factor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
     """Columns run away at a constant rate from the opening of the window."""
 

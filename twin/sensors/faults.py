@@ -33,6 +33,7 @@ from twin.sensors.fault_effects import (
     Jump,
     LatencyStep,
     Outage,
+    Scale,
     Spike,
     Stuck,
 )
@@ -103,6 +104,17 @@ class JumpFault(FaultConfig):
         return Jump(columns=context.indices(self.columns), size=self.size)
 
 
+class ScaleFault(FaultConfig):
+    """Columns are ``factor`` times what they were: a radar that loses every other pulse has 0.5, a dead one 0."""
+
+    kind: Literal["scale"]
+    columns: Columns
+    factor: NonNegative
+
+    def effect(self, context: FaultContext) -> Effect:  # noqa: D102
+        return Scale(columns=context.indices(self.columns), factor=self.factor)
+
+
 class DriftFault(FaultConfig):
     """Columns run away, by ``rate_per_s`` for every second since the window opened."""
 
@@ -169,6 +181,7 @@ Fault = Annotated[
     | StuckFault
     | SpikeFault
     | JumpFault
+    | ScaleFault
     | DriftFault
     | NoiseFactorFault
     | DuplicateFault
