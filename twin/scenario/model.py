@@ -13,6 +13,7 @@ from twin.config import Config, NonNegative, Positive, Probability
 from twin.control.driver import DriverConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
+from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
 from twin.validation import did_you_mean
 from twin.world import MachineConfig, SoilConfig, TerrainConfig
@@ -124,13 +125,15 @@ class Scenario(Config):
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
     """Estimators by name."""
+    bus: dict[str, BusConfig] = Field(default_factory=dict)
+    """CAN buses whose load is worked out, by name; they have no effect on the run."""
     scoring: ScoringConfig = ScoringConfig()
     recording: RecordingConfig = RecordingConfig()
     published: dict[str, float] = Field(default_factory=dict)
     """Published figures by metric, printed beside ours."""
     checks: Annotated[tuple[Check, ...], Strict(strict=False)] = ()
 
-    @field_validator("sensors", "estimators")
+    @field_validator("sensors", "estimators", "bus")
     @classmethod
     def _plain_names(cls, value: dict[str, Any]) -> dict[str, Any]:
         for name in value:
