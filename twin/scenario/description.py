@@ -22,12 +22,16 @@ def kinds() -> dict[str, list[str]]:
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema of scenario files as people write them (with ``extends`` and ``preset``)."""
+    """JSON Schema of scenario files as people write them (with ``extends``, ``extra_checks`` and ``preset``)."""
     schema = Scenario.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["properties"]["extends"] = {
         "type": "string",
         "description": "Name of a scenario in the same folder that this one changes.",
+    }
+    schema["properties"]["extra_checks"] = {
+        **{key: value for key, value in schema["properties"]["checks"].items() if key in {"type", "items"}},
+        "description": "Checks in addition to the inherited ones, which checks would replace.",
     }
     sensors = schema["properties"]["sensors"]
     preset = {

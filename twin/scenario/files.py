@@ -2,7 +2,8 @@
 
 A file is read in this order: the file named by ``extends`` (in the same folder; a name that begins with ``_`` is a
 file that is no scenario of its own), the file itself on top of it, the caller's ``--set`` values, and then each
-sensor's preset below what the file says of that sensor.
+sensor's preset below what the file says of that sensor. Tables are merged key by key; an array (``path``, ``checks``)
+replaces the inherited one, except that ``[[extra_checks]]`` are put behind the inherited checks.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ def _read_extended(path: Path, depth: int = 0) -> Table:
     table = read_toml(path)
     parent = table.pop("extends", None)
     if parent is None:
-        return table
+        return _with_extra_checks(table, path)
     if not isinstance(parent, str):
         raise BadInputError(f"{path}: extends: given {parent!r}, expected the name of a scenario in the same folder")
     if depth >= _DEEPEST_EXTENDS:
@@ -127,7 +128,18 @@ def _read_extended(path: Path, depth: int = 0) -> Table:
     parent_path = path.parent / f"{paths.plain_name(parent, what=f'{path}: extends:')}.toml"
     if not parent_path.is_file():
         raise BadInputError(f"{path}: extends: there is no {parent_path.name} beside it")
-    return merge(_read_extended(parent_path, depth + 1), table)
+    return _with_extra_checks(merge(_read_extended(parent_path, depth + 1), table), path)
+
+
+def _with_extra_checks(table: Table, path: Path) -> Table:
+    """Put this file's ``extra_checks`` behind the checks it has or inherits."""
+    extra = table.pop("extra_checks", None)
+    if extra is None:
+        return table
+    checks = table.get("checks", [])
+    if not isinstance(extra, list) or not isinstance(checks, list):
+        raise BadInputError(f"{path}: extra_checks: expected an array of checks, as [[extra_checks]]")
+    return {**table, "checks": [*checks, *extra]}
 
 
 def parse_setting(text: str) -> tuple[str, Any]:

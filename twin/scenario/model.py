@@ -114,6 +114,8 @@ class Scenario(Config):
     """What to know when reading the results."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     """World seed: terrain, driver, sensor schedules."""
+    repetitions: Annotated[int, Field(ge=1, le=20)] = 1
+    """Runs that ``twin run`` makes in the same world: its run index and those that follow."""
     duration_s: Annotated[float, Field(gt=0.0, le=36_000.0)]
     """Simulated time."""
     world: WorldConfig = WorldConfig()
@@ -172,9 +174,9 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _bounded_memory(self) -> Self:
-        rates = [self.recording.truth_hz * 100, *(s.rate_hz * 40 for s in self.sensors.values())]
+        rates = [s.rate_hz * 40 for s in self.sensors.values()]
         rates += [estimator.rate_hz * 80 for estimator in self.estimators.values()]
-        needed = 8.0 * self.duration_s * sum(rates)
+        needed = 8.0 * self.duration_s * (self.recording.truth_hz * 100 + self.repetitions * sum(rates))
         if needed > _LARGEST_RECORDING_BYTES:
             raise ValueError(
                 f"duration_s = {self.duration_s:g} with these rates would need about {needed / 1e9:.0f} GB of memory;"
