@@ -119,8 +119,10 @@ def _numbers(values: object, folder: Path) -> dict[str, float | None]:
     Raises:
         BadInputError: something else stands there.
     """
+    if not isinstance(values, dict):
+        raise BadInputError(f"{folder}/result.json: metrics: given {values!r}, expected numbers by name")
     numbers: dict[str, float | None] = {}
-    for name, value in values.items() if isinstance(values, dict) else [("metrics", values)]:
+    for name, value in values.items():
         if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
             raise BadInputError(f"{folder}/result.json: {name}: given {value!r}, expected a number or null")
         numbers[str(name)] = None if value is None else float(value)

@@ -140,7 +140,7 @@ def _other_columns(name: str, first: Stream, second: Stream, tolerance: float | 
         one, other = first.column(column), second.column(column)
         short_way = tolerance is not None and wraps(column)
         moved = _moved(one, other, short_way=short_way)
-        beyond = moved > (0.0 if tolerance is None else allowed(np.nan_to_num(one), tolerance))
+        beyond = moved > (0.0 if tolerance is None else allowed(np.where(np.isfinite(one), one, 0.0), tolerance))
         if beyond.any():
             at = np.unravel_index(int(np.where(beyond, moved, -1.0).argmax()), moved.shape)
             found.append(
