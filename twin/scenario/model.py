@@ -115,7 +115,9 @@ class Scenario(Config):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     """World seed: terrain, driver, sensor schedules."""
     repetitions: Annotated[int, Field(ge=1, le=20)] = 1
-    """Runs that ``twin run`` makes in the same world: its run index and those that follow."""
+    """Runs that ``twin run`` makes in the same world: its run index and those that follow. Every check has to hold in
+    each of them; the baseline is compared with the first, and only that is written for the viewer. Stress tests and
+    Python have their own number of runs."""
     duration_s: Annotated[float, Field(gt=0.0, le=36_000.0)]
     """Simulated time."""
     world: WorldConfig = WorldConfig()
