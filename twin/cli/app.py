@@ -31,7 +31,9 @@ Out = Annotated[Path, typer.Option(help="Folder for the results.")]
 def run(  # noqa: PLR0917  (typer makes options of them)
     scenarios: Scenarios,
     seed: Annotated[int | None, typer.Option(min=0, help="World seed; default: the scenario's.")] = None,
-    run_index: Annotated[int, typer.Option("--run", min=0, help="Which realisation of the noise; the first of several repetitions.")] = 0,
+    run_index: Annotated[
+        int, typer.Option("--run", min=0, help="Which realisation of the noise; the first of several repetitions.")
+    ] = 0,
     settings: Settings = None,
     out: Out = Path("runs"),
     rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer.")] = True,
