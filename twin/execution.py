@@ -13,7 +13,7 @@ import numpy as np
 from twin.control.driver import CONTROL_HZ, Driver
 from twin.errors import BadInputError, WorldEndedError
 from twin.estimation import EstimatorFactory
-from twin.members import Members
+from twin.members import Members, SideBySide
 from twin.recording import TRUTH, Recording, Stream, StreamWriter
 from twin.scenario import LoadedScenario, Scenario
 from twin.scoring.checks import require_known
@@ -61,16 +61,49 @@ def execute(
     Raises:
         BadInputError: something in the scenario cannot be built, or a check names a metric that will not exist.
     """
+    return _execute(loaded, groups=[runs], full_rate=full_rate, plugins=plugins, progress=progress)[0]
+
+
+def execute_each(
+    loaded: LoadedScenario,
+    *,
+    runs: Sequence[int],
+    full_rate: bool = False,
+    plugins: Mapping[str, EstimatorFactory] | None = None,
+    progress: Progress | None = None,
+) -> list[Recording]:
+    """Run a scenario in one world for several run indices, each a recording of its own.
+
+    Each is the ordinary run of its index to the last bit (members stepped together, as :func:`execute` does with
+    several ``runs``, equal it to 1e-9 only), so that a replay of it finds the same. In ``timing`` the time is shared
+    out equally.
+
+    Raises:
+        BadInputError: as :func:`execute`.
+    """
+    groups = [(run,) for run in runs]
+    return _execute(loaded, groups=groups, full_rate=full_rate, plugins=plugins, progress=progress)
+
+
+def _execute(
+    loaded: LoadedScenario,
+    *,
+    groups: Sequence[Sequence[int]],
+    full_rate: bool,
+    plugins: Mapping[str, EstimatorFactory] | None,
+    progress: Progress | None,
+) -> list[Recording]:
     scenario = loaded.scenario
     started = time.perf_counter()
-    members = open_members(loaded, runs=runs, plugins=plugins)
+    everybody = SideBySide([open_members(loaded, runs=runs, plugins=plugins) for runs in groups])
     with open_world(loaded) as world:
-        names = metric_names(scenario, world.truth_columns, members.estimate_columns)
+        names = metric_names(scenario, world.truth_columns, everybody.groups[0].estimate_columns)
         require_known(scenario, names, where=str(loaded.path))
-        journey = Journey(scenario, world, members, full_rate=full_rate)
+        journey = Journey(scenario, world, everybody, full_rate=full_rate)
         reason = journey.go(progress)
-        members.finish()
-        wall_s = time.perf_counter() - started
+        for members in everybody.groups:
+            members.finish()
+        wall_s = (time.perf_counter() - started) / len(groups)
         simulated_s = world.tick * world.dt_ns / NS_PER_S
         timing = {
             "simulated_s": simulated_s,
@@ -79,18 +112,22 @@ def execute(
             "world_us_per_step": journey.world_s / max(1, world.tick) * 1e6,
             "bare_step_us": world.bare_step_us(),
         }
-    return Recording(
-        scenario_toml=loaded.toml,
-        scenario_name=loaded.name,
-        seed=scenario.seed,
-        runs=tuple(runs),
-        streams={TRUTH: journey.truth_stream(), **members.streams()},
-        events=sorted([*journey.events, *members.events], key=lambda event: event.t_ns),
-        terrain=world.terrain,
-        ended_reason=reason,
-        ended_t_s=simulated_s,
-        timing=timing,
-    )
+    truth = journey.truth_stream()
+    return [
+        Recording(
+            scenario_toml=loaded.toml,
+            scenario_name=loaded.name,
+            seed=scenario.seed,
+            runs=tuple(runs),
+            streams={TRUTH: truth, **members.streams()},
+            events=sorted([*journey.events, *members.events], key=lambda event: event.t_ns),
+            terrain=world.terrain,
+            ended_reason=reason,
+            ended_t_s=simulated_s,
+            timing=dict(timing),
+        )
+        for runs, members in zip(groups, everybody.groups, strict=True)
+    ]
 
 
 @contextmanager

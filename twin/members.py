@@ -121,6 +121,39 @@ class Members(SensorRack):
         }
 
 
+class SideBySide:
+    """Several groups of members of one scenario, shown the same truth, each by itself as if it were alone.
+
+    The schedules of the sensors belong to the world, so all groups sample at the same ticks.
+    """
+
+    def __init__(self, groups: Sequence[Members]) -> None:
+        self.groups = groups
+
+    @property
+    def needs(self) -> Mapping[str, Need]:
+        """What each sensor asks the world for."""
+        return self.groups[0].needs
+
+    def due(self, tick: int) -> Sequence[str]:
+        """Sensors that sample at this tick, in the order of the scenario."""
+        return self.groups[0].due(tick)
+
+    def next_tick(self) -> int:
+        """Tick of the next sample of any sensor; a tick that never comes where there are none."""
+        return self.groups[0].next_tick()
+
+    def observe(self, sensor: str, capture: Capture) -> None:
+        """Show every group what the world shows a sensor."""
+        for group in self.groups:
+            group.observe(sensor, capture)
+
+    def advance(self, t_ns: int) -> None:
+        """All samples up to and including ``t_ns`` have been taken."""
+        for group in self.groups:
+            group.advance(t_ns)
+
+
 class Tape(SensorRack):
     """What the world shows the sensors of one scenario: recorded once, played to as many members as wanted.
 

@@ -6,13 +6,12 @@ import dataclasses
 import time
 from collections.abc import Mapping
 
-import numpy as np
-
 from twin.errors import BadInputError
 from twin.estimation import EstimatorFactory, build_bank, in_order_sampled
 from twin.members import build_sensors
 from twin.recording import Recording, estimate_stream, measurement_stream
 from twin.scenario import loads
+from twin.scoring.comparison import compare_streams
 from twin.signals import nanoseconds
 
 
@@ -63,16 +62,14 @@ def differing(first: Recording, second: Recording) -> dict[str, float]:
 
     Infinity stands for streams of different length, times, columns or missing values.
     """
+    estimates = [_only_estimates(each) for each in (first, second)]
     differences: dict[str, float] = {}
-    for name in dict.fromkeys([*first.names("estimates"), *second.names("estimates")]):
-        stream = estimate_stream(name)
-        if stream not in first.streams or stream not in second.streams:
-            differences[name] = float("inf")
-            continue
-        one, other = first.streams[stream], second.streams[stream]
-        same_shape = one.columns == other.columns and np.array_equal(one.t_ns, other.t_ns)
-        if not same_shape or not np.array_equal(np.isnan(one.values), np.isnan(other.values)):
-            differences[name] = float("inf")
-        elif not np.array_equal(one.values, other.values, equal_nan=True):
-            differences[name] = float(np.nanmax(np.abs(one.values - other.values)))
+    for found in compare_streams(*estimates, tolerance=None):
+        name = found.name.removeprefix("estimates/")
+        differences[name] = max(differences.get(name, 0.0), found.largest)
     return differences
+
+
+def _only_estimates(recording: Recording) -> Recording:
+    streams = {estimate_stream(name): recording.estimates(name) for name in recording.names("estimates")}
+    return dataclasses.replace(recording, streams=streams)

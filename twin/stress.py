@@ -24,6 +24,7 @@ from twin.execution import Journey, open_members, open_world
 from twin.members import Tape
 from twin.recording import Stream
 from twin.scenario import LoadedScenario, load, parse_setting
+from twin.scoring import bus
 from twin.scoring.checks import require_known
 from twin.scoring.consistency import NIS_PREFIX
 from twin.scoring.envelopes import Envelope
@@ -74,7 +75,7 @@ class TaskResult:
     metrics: dict[str, FloatArray]
     """(R,) by name."""
     motion: dict[str, float]
-    """What the machine did: the same for all members."""
+    """What the machine did, and what its buses carry: the same for all members."""
     envelopes: dict[str, Envelope]
     nees: dict[str, tuple[IntArray, FloatArray]]
     """By estimator: times (T,) and NEES of the first member (T,)."""
@@ -149,7 +150,10 @@ def run_task(plan: Plan, point: int, world: int) -> TaskResult:
     simulated = time.perf_counter()
     result = TaskResult(
         metrics={},
-        motion={name: float(value[0]) for name, value in motion_metrics(truth, scenario).items()},
+        motion={
+            **{name: float(value[0]) for name, value in motion_metrics(truth, scenario).items()},
+            **bus.metrics(scenario),
+        },
         envelopes={},
         nees={},
         nis={},

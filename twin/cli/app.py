@@ -31,7 +31,9 @@ Out = Annotated[Path, typer.Option(help="Folder for the results.")]
 def run(  # noqa: PLR0917  (typer makes options of them)
     scenarios: Scenarios,
     seed: Annotated[int | None, typer.Option(min=0, help="World seed; default: the scenario's.")] = None,
-    run_index: Annotated[int, typer.Option("--run", min=0, help="Which realisation of the noise.")] = 0,
+    run_index: Annotated[
+        int, typer.Option("--run", min=0, help="Which realisation of the noise; the first of several repetitions.")
+    ] = 0,
     settings: Settings = None,
     out: Out = Path("runs"),
     rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer.")] = True,
@@ -114,6 +116,21 @@ def score(folder: Annotated[Path, typer.Argument(help="A run folder.")], as_json
     from twin.cli.replaying import score_folder  # noqa: PLC0415
 
     return score_folder(folder, as_json=as_json)
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(help="A run folder, or the folder of a stress test.")],
+    second: Annotated[Path, typer.Argument(help="Another of the same kind.")],
+    tolerance: Annotated[
+        float | None, typer.Option(help="Relative tolerance of every value; default: that of baselines.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the differences as JSON, and nothing else.")] = False,
+) -> int:
+    """Say what differs between two runs: metrics, ends, events and streams."""
+    from twin.cli.comparing import compare_folders  # noqa: PLC0415
+
+    return compare_folders(first, second, tolerance=tolerance, as_json=as_json)
 
 
 @app.command()

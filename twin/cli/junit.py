@@ -1,4 +1,4 @@
-"""JUnit report: a suite per scenario, a case per check, an error for a crash."""
+"""JUnit report: a suite per scenario, a case per check (of all repetitions), an error for a crash."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.errors import BadInputError
-from twin.scoring import Verdict
+from twin.scoring import Repetitions
 
 if TYPE_CHECKING:
     from twin.cli.running import Crash
 
 
-def write_junit(path: Path, finished: Sequence[Verdict | Crash]) -> None:
+def write_junit(path: Path, finished: Sequence[Repetitions | Crash]) -> None:
     """Write the report.
 
     Raises:
@@ -22,7 +22,7 @@ def write_junit(path: Path, finished: Sequence[Verdict | Crash]) -> None:
     """
     root = ET.Element("testsuites", name="agtwin")
     for entry in finished:
-        root.append(_suite(entry) if isinstance(entry, Verdict) else _crashed(entry))
+        root.append(_suite(entry) if isinstance(entry, Repetitions) else _crashed(entry))
     ET.indent(root)
     try:
         ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
@@ -30,19 +30,20 @@ def write_junit(path: Path, finished: Sequence[Verdict | Crash]) -> None:
         raise BadInputError(f"{path}: cannot be written ({error.strerror})") from error
 
 
-def _suite(verdict: Verdict) -> ET.Element:
-    suite = ET.Element("testsuite", name=verdict.scenario_name, time=f"{verdict.timing.get('wall_s', 0.0):.3f}")
-    for outcome in verdict.checks:
-        case = _case(suite, verdict.scenario_name, outcome.check.metric)
+def _suite(found: Repetitions) -> ET.Element:
+    suite = ET.Element("testsuite", name=found.scenario_name, time=f"{found.wall_s:.3f}")
+    for outcome in found.checks:
+        case = _case(suite, found.scenario_name, outcome.metric)
         if not outcome.ok:
             ET.SubElement(case, "failure", message=outcome.sentence())
-    if verdict.baseline_compared:
-        case = _case(suite, verdict.scenario_name, "baseline")
-        if verdict.drifted:
-            ET.SubElement(case, "failure", message="baseline drifted").text = "\n".join(verdict.drifted)
-    case = _case(suite, verdict.scenario_name, "ran to its end")
-    if verdict.ended_reason != "duration":
-        ET.SubElement(case, "error", message=f"{verdict.ended_reason} at {verdict.ended_t_s:.2f} s")
+    first = found.first
+    if first.baseline_compared:
+        case = _case(suite, found.scenario_name, "baseline")
+        if first.drifted:
+            ET.SubElement(case, "failure", message="baseline drifted").text = "\n".join(first.drifted)
+    case = _case(suite, found.scenario_name, "ran to its end")
+    if first.ended_reason != "duration":
+        ET.SubElement(case, "error", message=f"{first.ended_reason} at {first.ended_t_s:.2f} s")
     return _counted(suite)
 
 

@@ -17,7 +17,7 @@ from twin.recording import Recording
 from twin.replay import differing, replay
 from twin.runfolder import read_recording
 from twin.scenario import LoadedScenario, apply_setting, loads, parse_setting
-from twin.scoring import Verdict, score
+from twin.scoring import Repetitions, Verdict, score
 
 
 def _report(recording: Recording, verdict: Verdict, folder: Path, reporter: Reporter, *, as_json: bool) -> None:
@@ -30,7 +30,7 @@ def _report(recording: Recording, verdict: Verdict, folder: Path, reporter: Repo
         scenario=verdict.scenario,
         toml=recording.scenario_toml,
     )
-    reporter.result(loaded, verdict, None, rrd=False)
+    reporter.result(loaded, Repetitions([verdict]), [], rrd=False)
 
 
 def score_folder(folder: Path, *, as_json: bool) -> int:

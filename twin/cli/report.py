@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,19 +13,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from twin.cli.tables import COLOURS, bus_table, counts, metrics_table, summary_table, tick
 from twin.scenario import LoadedScenario
-from twin.scoring import Verdict
+from twin.scoring import Repetitions
 
 if TYPE_CHECKING:
     from twin.cli.running import Crash
 
-COLOURS = {"pass": "bold green", "fail": "bold red", "error": "bold magenta"}
-_HEADLINES = (
-    "row_speed.mean_abs_error_m_s",
-    "row_speed.mean_abs_error_turns_m_s",
-    "position.rmse_m",
-    "heading.mean_abs_error_deg",
-)
 _PLAIN_LINE_EVERY_S = 5.0
 _LOG_WIDTH = 160
 
@@ -64,58 +57,48 @@ class Reporter:
 
         return line
 
-    def result(self, loaded: LoadedScenario, verdict: Verdict, folder: Path | None, *, rrd: bool) -> None:
+    def result(self, loaded: LoadedScenario, found: Repetitions, folders: Sequence[Path], *, rrd: bool) -> None:
         """Table, checks, verdict, speed, and where the files are."""
         self._console.print()
         self._console.print(Text(loaded.scenario.title, style="bold"))
         if loaded.scenario.source:
             self._console.print(f"after {loaded.scenario.source}")
-        self._console.print(metrics_table(verdict))
-        for outcome in verdict.checks:
+        self._console.print(metrics_table(found))
+        if loaded.scenario.bus:
+            self._console.print(bus_table(loaded.scenario))
+        for outcome in found.checks:
             self._console.print(Text.assemble(tick(outcome.ok), " ", outcome.sentence()))
-        for line in verdict.drifted:
+        for line in found.first.drifted:
             self._console.print(Text.assemble(tick(False), " baseline: ", line))
         if loaded.scenario.notes:
             self._console.print(Text(loaded.scenario.notes.strip(), style="dim"))
-        self._console.print(self._last_line(verdict))
-        if folder is not None:
+        self._console.print(self._last_line(found))
+        for folder in folders:
             self._console.print(f"files: {folder}")
-            if rrd:
-                self._console.print(f"look:  twin view {folder}")
+        if folders and rrd:
+            self._console.print(f"look:  twin view {folders[0]}")
 
     @staticmethod
-    def _last_line(verdict: Verdict) -> Text:
-        timing = verdict.timing
-        line = Text.assemble("verdict: ", (verdict.verdict, COLOURS[verdict.verdict]))
-        if verdict.ended_reason != "duration":
-            line.append(f" ({verdict.ended_reason} at {verdict.ended_t_s:.2f} s)")
-        if "wall_s" in timing:
+    def _last_line(found: Repetitions) -> Text:
+        line = Text.assemble("verdict: ", (found.verdict, COLOURS[found.verdict]))
+        early = next((each for each in found.verdicts if each.ended_reason != "duration"), None)
+        if early is not None:
+            line.append(f" ({early.ended_reason} at {early.ended_t_s:.2f} s)")
+        if found.wall_s > 0.0:
+            count = len(found.verdicts)
+            simulated_s = found.first.timing["simulated_s"]
+            each = f"{count} runs of " if count > 1 else ""
             line.append(
-                f"   {timing['simulated_s']:.0f} s simulated in {timing['wall_s']:.1f} s: "
-                f"{timing['real_time_factor']:.0f} times real time"
+                f"   {each}{simulated_s:.0f} s simulated in {found.wall_s:.1f} s: "
+                f"{count * simulated_s / found.wall_s:.0f} times real time"
             )
         return line
 
-    def summary(self, finished: Sequence[Verdict | Crash]) -> None:
-        """One line per scenario after several."""
-        table = Table(title="All scenarios")
-        for heading in ("scenario", "verdict", "checks", "metric", "ours", "published"):
-            table.add_column(heading, justify="right" if heading in {"ours", "published"} else "left")
-        for entry in finished:
-            if not isinstance(entry, Verdict):
-                table.add_row(entry.scenario, Text("crashed", style="bold magenta"), "", "", "", "")
-                continue
-            held = f"{sum(outcome.ok for outcome in entry.checks)} of {len(entry.checks)}"
-            first: list[str | Text] = [entry.scenario_name, Text(entry.verdict, style=COLOURS[entry.verdict]), held]
-            rows = [
-                (metric, entry.metrics.get(metric, math.nan), paper)
-                for metric, paper in entry.scenario.published.items()
-            ]
-            if not rows:
-                table.add_row(*first, "", "", "")
-            for index, (metric, ours, paper) in enumerate(rows):
-                table.add_row(*(first if index == 0 else ["", "", ""]), metric, figure(ours), figure(paper))
-        self._console.print(table)
+    def summary(self, finished: Sequence[Repetitions | Crash]) -> None:
+        """All scenarios in one table, and how many passed."""
+        self._console.print()
+        self._console.print(summary_table(finished))
+        self._console.print(counts(finished))
 
     def line(self, text: str | Text) -> None:
         """Print one line."""
@@ -124,41 +107,3 @@ class Reporter:
     def table(self, table: Table) -> None:
         """Print a table."""
         self._console.print(table)
-
-
-def metrics_table(verdict: Verdict) -> Table:
-    """Headline, published and checked metrics of each estimator, beside the published figure where there is one."""
-    published = verdict.scenario.published
-    asked = {*published, *(outcome.check.metric for outcome in verdict.checks)}
-    table = Table()
-    table.add_column("estimator")
-    table.add_column("metric")
-    table.add_column("ours", justify="right")
-    table.add_column("published", justify="right")
-    last = ""
-    for name, value in verdict.metrics.items():
-        estimator, _, metric = name.partition(".")
-        if name not in asked and (metric not in _HEADLINES or not math.isfinite(value)):
-            continue
-        table.add_row(
-            estimator if estimator != last else "",
-            metric,
-            figure(value),
-            figure(published.get(name)),
-        )
-        last = estimator
-    return table
-
-
-def figure(value: float | None) -> str:
-    """Three digits; ``never`` for an infinite time, a dash for what is not a number."""
-    if value is None:
-        return ""
-    if math.isinf(value):
-        return "never"
-    return f"{value:.3g}" if math.isfinite(value) else "-"
-
-
-def tick(ok: bool) -> tuple[str, str]:
-    """Text and colour of a check's outcome."""
-    return ("ok  ", "green") if ok else ("FAIL", "bold red")

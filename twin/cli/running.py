@@ -20,7 +20,7 @@ from twin.estimation import EstimatorFactory
 from twin.recording import Recording, save
 from twin.runfolder import folder_of, replacing, require_writable, write_result
 from twin.scenario import LoadedScenario
-from twin.scoring import Verdict, baselines, score, traces
+from twin.scoring import Repetitions, Verdict, baselines, score, traces
 from twin.scoring.baselines import Baseline
 
 
@@ -77,7 +77,7 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
     require_writable(options.out)
     if options.junit is not None:
         require_writable(options.junit.parent)
-    finished: list[Verdict | Crash] = []
+    finished: list[Repetitions | Crash] = []
     for item in loaded:
         try:
             finished.append(_run_one(item, options, plugins, reporter))
@@ -90,7 +90,7 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
             finished.append(crash)
     if options.junit is not None:
         write_junit(options.junit, finished)
-    verdicts = [entry for entry in finished if isinstance(entry, Verdict)]
+    verdicts = [verdict for entry in finished if isinstance(entry, Repetitions) for verdict in entry.verdicts]
     if options.as_json:
         print(json.dumps([verdict.as_json() for verdict in verdicts], indent=1, allow_nan=False))
     elif len(loaded) > 1:
@@ -123,23 +123,29 @@ def load_plugins(names: Sequence[str]) -> dict[str, EstimatorFactory]:
 
 def _run_one(
     loaded: LoadedScenario, options: RunOptions, plugins: dict[str, EstimatorFactory], reporter: Reporter
-) -> Verdict:
-    from twin.execution import execute  # noqa: PLC0415  (the physics is not needed to refuse bad input)
+) -> Repetitions:
+    """Run a scenario's repetitions in one world; judge and save each. Only the first is written for the viewer.
 
+    Raises:
+        BadInputError: it cannot be built, or a folder holds something else.
+    """
+    from twin.execution import execute_each  # noqa: PLC0415  (the physics is not needed to refuse bad input)
+
+    runs = range(options.run, options.run + loaded.scenario.repetitions)
     with reporter.progress(loaded) as progress:
-        recording = execute(
-            loaded, runs=(options.run,), full_rate=options.full_rate, plugins=plugins, progress=progress
-        )
-    verdict = score(recording)
-    _compare_baseline(loaded, options, recording, verdict)
-    folder = folder_of(options.out, verdict)
-    with replacing(folder) as building:
-        save(recording, building)
-        if options.rrd:
-            verdict.timing["rrd_s"] = _write_rrd(recording, verdict, building / "run.rrd")
-        write_result(building, verdict.as_json())
-    reporter.result(loaded, verdict, folder, rrd=options.rrd)
-    return verdict
+        recordings = execute_each(loaded, runs=runs, full_rate=options.full_rate, plugins=plugins, progress=progress)
+    verdicts = [score(recording) for recording in recordings]
+    _compare_baseline(loaded, options, recordings[0], verdicts[0])
+    folders = [folder_of(options.out, verdict) for verdict in verdicts]
+    for recording, verdict, folder in zip(recordings, verdicts, folders, strict=True):
+        with replacing(folder) as building:
+            save(recording, building)
+            if options.rrd and recording is recordings[0]:
+                verdict.timing["rrd_s"] = _write_rrd(recording, verdict, building / "run.rrd")
+            write_result(building, verdict.as_json())
+    found = Repetitions(verdicts)
+    reporter.result(loaded, found, folders, rrd=options.rrd)
+    return found
 
 
 def _write_rrd(recording: Recording, verdict: Verdict, path: Path) -> float:

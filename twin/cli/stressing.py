@@ -13,7 +13,8 @@ from rich.text import Text
 
 from twin import scenario as scenario_files
 from twin.cli import EXIT_FAILED, EXIT_OK
-from twin.cli.report import COLOURS, Reporter, figure, tick
+from twin.cli.report import Reporter
+from twin.cli.tables import COLOURS, figure, tick
 from twin.errors import BadInputError
 from twin.runfolder import replacing, require_writable, write_result
 from twin.scenario import LoadedScenario

@@ -12,13 +12,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from twin.errors import BadInputError
+from twin.signals import FloatArray
 
 DEFAULT_TOLERANCE = 1e-3
 """Relative tolerance written for a new metric."""
 _ABSOLUTE = 1e-9
 _HEADER = ["metric", "value", "tolerance"]
+
+Value = TypeVar("Value", float, FloatArray)
+
+
+def allowed(then: Value, tolerance: float) -> Value:
+    """How far a value may have moved from what it was: the one rule for baselines and comparisons."""
+    return tolerance * abs(then) + _ABSOLUTE
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +43,7 @@ class Baseline:
             return math.isnan(self.value) and math.isnan(value)
         if math.isinf(self.value) or math.isinf(value):
             return value == self.value
-        return abs(value - self.value) <= self.tolerance * abs(self.value) + _ABSOLUTE
+        return bool(abs(value - self.value) <= allowed(self.value, self.tolerance))
 
 
 def baseline_path(scenario_path: Path) -> Path:

@@ -24,8 +24,8 @@ class Outcome:
         value = self.value if math.isfinite(self.value) else None
         return {**self.check.model_dump(exclude_none=True, exclude_defaults=True), "value": value, "ok": self.ok}
 
-    def sentence(self) -> str:
-        """The check in words, for tables and JUnit."""
+    def sentence(self, *, up_to: float | None = None) -> str:
+        """The check in words, for tables and JUnit; of values from this one up to another, if given."""
         check = self.check
         what = check.metric if check.ratio_to is None else f"{check.metric} / {check.ratio_to}"
         low = check.min if check.ratio_to is None else check.min_ratio
@@ -35,7 +35,9 @@ class Outcome:
             for text in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "")
             if text
         )
-        return f"{what} = {self.value:.4g}, required {bounds}{self._of_members()}"
+        first, last = (f"{value:.4g}" for value in (self.value, self.value if up_to is None else up_to))
+        given = first if first == last else f"{first} to {last}"
+        return f"{what} = {given}, required {bounds}{self._of_members()}"
 
     def _of_members(self) -> str:
         if self.check.percentile is None:

@@ -21,7 +21,7 @@ import numpy as np
 from twin.geometry import wrap_angle
 from twin.recording import Recording, Stream
 from twin.scenario import Scenario
-from twin.scoring import consistency
+from twin.scoring import bus, consistency
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import Measure, measures_of, row_numbers
 from twin.signals import NS_PER_S, SPEED, YAW_RATE, BoolArray, FloatArray, IntArray, nanoseconds, row_speed, wraps
@@ -71,7 +71,7 @@ def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
         for measure in estimator_measures(scenario, truth, columns):
             names += [f"{estimator}.{name}" for name in _phased(measure, phase_names(scenario, truth))]
         names += [f"{estimator}.{name}" for name in _consistency_names(truth, columns)]
-    return names
+    return names + bus.metric_names(scenario)
 
 
 def _consistency_names(truth: Sequence[str], estimate: Sequence[str]) -> list[str]:
@@ -92,7 +92,8 @@ def compute(recording: Recording, scenario: Scenario) -> Metrics:
     estimates = {name: recording.estimates(name) for name in recording.names("estimates")}
     scorer = Scorer(scenario, truth.columns, {name: stream.columns for name, stream in estimates.items()})
     scorer.add(truth, estimates)
-    return {**motion_metrics(truth, scenario), **scorer.metrics()}
+    of_buses = {name: np.array([value]) for name, value in bus.metrics(scenario).items()}
+    return {**motion_metrics(truth, scenario), **scorer.metrics(), **of_buses}
 
 
 # --- errors ----------------------------------------------------------------------------------------------------------

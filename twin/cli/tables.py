@@ -1,0 +1,161 @@
+"""The tables and lines that say what came of runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from twin.formats.can import BusLoad
+from twin.scenario import Scenario
+from twin.scoring import Repetitions
+from twin.scoring.repetitions import Spread
+
+if TYPE_CHECKING:
+    from twin.cli.running import Crash
+
+COLOURS = {"pass": "bold green", "fail": "bold red", "error": "bold magenta"}
+_HEADLINES = (
+    "row_speed.mean_abs_error_m_s",
+    "row_speed.mean_abs_error_turns_m_s",
+    "position.rmse_m",
+    "heading.mean_abs_error_deg",
+)
+_CRASHED = "crashed"
+
+
+def metrics_table(found: Repetitions) -> Table:
+    """Headline, published and checked metrics of each estimator, beside the published figure where there is one.
+
+    Of several repetitions the mean, and from where to where they reach.
+    """
+    published = found.scenario.published
+    asked = {*published, *(outcome.metric for outcome in found.checks)}
+    repeated = len(found.verdicts) > 1
+    table = Table()
+    table.add_column("estimator")
+    table.add_column("metric")
+    for heading in ("mean", "range", "published") if repeated else ("ours", "published"):
+        table.add_column(heading, justify="right")
+    last = ""
+    for name, spread in found.metrics().items():
+        estimator, _, metric = name.partition(".")
+        if name not in asked and (metric not in _HEADLINES or not math.isfinite(spread.mean)):
+            continue
+        reach = [_range(spread)] if repeated else []
+        shown = estimator if estimator != last else ""
+        table.add_row(shown, metric, figure(spread.mean), *reach, figure(published.get(name)))
+        last = estimator
+    return table
+
+
+def _range(spread: Spread) -> str:
+    low, high = figure(spread.low), figure(spread.high)
+    return low if low == high else f"{low} .. {high}"
+
+
+def bus_table(scenario: Scenario) -> Table:
+    """What each bus of a scenario has to carry, and whether it can."""
+    table = Table(title="Bus load (CAN 2.0B, 29-bit identifiers)")
+    for heading in ("bus", "architecture"):
+        table.add_column(heading)
+    for heading in ("Hz", "kB/s", "frames/s", "nominal %", "worst %"):
+        table.add_column(heading, justify="right")
+    table.add_column("possible")
+    for name, config in scenario.bus.items():
+        load = config.load()
+        central = f"central, {config.senders} to {config.receivers}"
+        table.add_row(
+            name,
+            central if config.architecture == "central" else config.architecture,
+            f"{config.rate_hz:g}",
+            figure(load.payload_kb_s),
+            f"{load.frames_per_s:g}",
+            figure(load.load_nominal_percent),
+            figure(load.load_worst_percent),
+            _possible(load),
+        )
+    return table
+
+
+def _possible(load: BusLoad) -> str:
+    if load.load_worst_percent <= 100.0:
+        return "yes"
+    return "no" if load.load_nominal_percent > 100.0 else "not at worst"
+
+
+# --- after several scenarios -----------------------------------------------------------------------------------------
+
+
+def summary_table(finished: Sequence[Repetitions | Crash]) -> Table:
+    """A line per published metric of each scenario; of a scenario without any, its headline metric."""
+    table = Table(title="All scenarios", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for heading in ("scenario", "estimator", "metric"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("ours", "published", "ratio"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for entry in finished:
+        if not isinstance(entry, Repetitions):
+            table.add_row(entry.scenario, "", "", "", "", "", Text(_CRASHED, style=COLOURS["error"]))
+            continue
+        verdict = Text(entry.verdict, style=COLOURS[entry.verdict])
+        rows = _summary_rows(entry) or [["", "", "", "", ""]]
+        for index, row in enumerate(rows):
+            first = index == 0
+            table.add_row(entry.scenario_name if first else "", *row, verdict if first else "")
+    return table
+
+
+def _summary_rows(found: Repetitions) -> list[list[str]]:
+    """Estimator, metric, our mean, the published figure and their ratio, for what a scenario is about."""
+    published, metrics = found.scenario.published, found.metrics()
+    rows, last = [], ""
+    for name in list(published) or _headline(found, metrics):
+        estimator, _, metric = name.partition(".")
+        ours, paper = metrics[name].mean, published.get(name)
+        ratio = ours / paper if paper else None
+        rows.append([estimator if estimator != last else "", metric, figure(ours), figure(paper), figure(ratio)])
+        last = estimator
+    return rows
+
+
+def _headline(found: Repetitions, metrics: dict[str, Spread]) -> list[str]:
+    """The metric of the first check, or else the first headline metric that is known; none without either."""
+    if found.checks:
+        return [found.checks[0].metric]
+    known = [name for name, spread in metrics.items() if math.isfinite(spread.mean)]
+    return [name for headline in _HEADLINES for name in known if name.partition(".")[2] == headline][:1]
+
+
+def counts(finished: Sequence[Repetitions | Crash]) -> Text:
+    """How many scenarios passed, failed and so on, and how many checks hold."""
+    verdicts = [entry.verdict if isinstance(entry, Repetitions) else _CRASHED for entry in finished]
+    checks = [outcome.ok for entry in finished if isinstance(entry, Repetitions) for outcome in entry.checks]
+    line = Text(f"{len(finished)} scenarios:")
+    for kind in ("pass", "fail", "error", _CRASHED):
+        if kind in verdicts:
+            line.append(" ")
+            line.append(f"{verdicts.count(kind)} {kind}", style=COLOURS.get(kind, COLOURS["error"]))
+    return line.append(f"; {sum(checks)} of {len(checks)} checks hold")
+
+
+# --- figures ---------------------------------------------------------------------------------------------------------
+
+
+def figure(value: float | None) -> str:
+    """Three digits; ``never`` for an infinite time, a dash for what is not a number."""
+    if value is None:
+        return ""
+    if math.isinf(value):
+        return "never"
+    return f"{value:.3g}" if math.isfinite(value) else "-"
+
+
+def tick(ok: bool) -> tuple[str, str]:
+    """Text and colour of a check's outcome."""
+    return ("ok  ", "green") if ok else ("FAIL", "bold red")

@@ -1,0 +1,215 @@
+"""What a scenario is: its sections, and what has to fit together in them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, Strict, field_validator, model_validator
+
+from twin import paths
+from twin.config import Config, NonNegative, Positive, Probability
+from twin.control.driver import DriverConfig
+from twin.errors import BadInputError
+from twin.estimators import EstimatorConfigUnion
+from twin.formats.planter_bus import BusConfig
+from twin.sensors import SensorConfigUnion
+from twin.validation import did_you_mean
+from twin.world import MachineConfig, SoilConfig, TerrainConfig
+from twin.world.terrain import FileTerrain
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+_LARGEST_RECORDING_BYTES = 4e9
+
+
+class WorldConfig(Config):
+    """The clock of the physics."""
+
+    physics_hz: Annotated[float, Field(ge=50.0, le=10_000.0)] = 500.0
+    """Physics steps per second."""
+
+    @field_validator("physics_hz")
+    @classmethod
+    def _whole_nanoseconds(cls, value: float) -> float:
+        if not (1e9 / value).is_integer():
+            raise ValueError("the step 1 / physics_hz has to be a whole number of nanoseconds, as 250, 500, 1000 Hz")
+        return value
+
+
+class Check(Config):
+    """A requirement on one metric, or on its ratio to another."""
+
+    metric: str
+    """Name of the metric, as in result.json."""
+    min: float | None = None
+    """Smallest value allowed."""
+    max: float | None = None
+    """Largest value allowed."""
+    ratio_to: str | None = None
+    """Another metric to divide by; under stress member by member."""
+    min_ratio: float | None = None
+    """Smallest ratio allowed."""
+    max_ratio: float | None = None
+    """Largest ratio allowed."""
+    percentile: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
+    """Under stress: this share of the members has to keep it (in a single run the run itself)."""
+    confidence: Probability | None = None
+    """Under stress: with this confidence."""
+    stress_only: bool = False
+    """Judge only under stress: for statements about a distribution that a single run need not keep."""
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if (self.ratio_to is None) != (self.min_ratio is None and self.max_ratio is None):
+            raise ValueError("ratio_to goes with min_ratio or max_ratio")
+        if self.confidence is not None and self.percentile is None:
+            raise ValueError("confidence goes with a percentile")
+        if self.min is None and self.max is None and self.ratio_to is None:
+            raise ValueError("a check needs min, max, or ratio_to with min_ratio or max_ratio")
+        return self
+
+
+class LossConfig(Config):
+    """When something is missing."""
+
+    from_s: NonNegative
+    """Begin of the loss."""
+    to_s: Positive
+    """End of the loss."""
+
+
+class ScoringConfig(Config):
+    """Which part of the run counts."""
+
+    from_s: NonNegative = 0.0
+    """Errors before this time (calibration, start-up) do not count."""
+    rows: Annotated[tuple[int, ...], Strict(strict=False)] | None = None
+    """Row units that count where no row is named; all if not given."""
+    turning_rad_s: Annotated[float, Field(gt=0.0)] = 0.05
+    """True yaw rate beyond which the machine is said to be turning."""
+    loss: LossConfig | None = None
+    """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
+    causal_bound_of: str | None = None
+    """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
+    limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
+    """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
+
+
+class RecordingConfig(Config):
+    """What is kept."""
+
+    truth_hz: Annotated[float, Field(gt=0.0)] = 50.0
+    """Rate of the truth stream."""
+    baseline_trace: bool = False
+    """Keep what the estimators said once a second beside the baseline of the metrics."""
+
+
+class Scenario(Config):
+    """A resolved scenario: everything a run needs, and nothing that is not data."""
+
+    title: str
+    """One line for people."""
+    source: str = ""
+    """Where the experiment comes from, e.g. a paper and its section."""
+    notes: str = ""
+    """What to know when reading the results."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    """World seed: terrain, driver, sensor schedules."""
+    repetitions: Annotated[int, Field(ge=1, le=20)] = 1
+    """Runs that ``twin run`` makes in the same world: its run index and those that follow. Every check has to hold in
+    each of them; the baseline is compared with the first, and only that is written for the viewer. Stress tests and
+    Python have their own number of runs."""
+    duration_s: Annotated[float, Field(gt=0.0, le=36_000.0)]
+    """Simulated time."""
+    world: WorldConfig = WorldConfig()
+    terrain: TerrainConfig
+    soil: SoilConfig
+    machine: MachineConfig
+    driver: DriverConfig
+    sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)
+    """Sensors by name; each names a preset, or a kind with all its values."""
+    estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
+    """Estimators by name."""
+    bus: dict[str, BusConfig] = Field(default_factory=dict)
+    """CAN buses whose load is worked out, by name; they have no effect on the run."""
+    scoring: ScoringConfig = ScoringConfig()
+    recording: RecordingConfig = RecordingConfig()
+    published: dict[str, float] = Field(default_factory=dict)
+    """Published figures by metric, printed beside ours."""
+    checks: Annotated[tuple[Check, ...], Strict(strict=False)] = ()
+
+    @field_validator("sensors", "estimators", "bus")
+    @classmethod
+    def _plain_names(cls, value: dict[str, Any]) -> dict[str, Any]:
+        for name in value:
+            if not _NAME.match(name) or name == "truth":
+                raise ValueError(f"name {name!r}: expected letters, digits and '_' (and not 'truth')")
+        return value
+
+    @model_validator(mode="after")
+    def _names_exist(self) -> Self:
+        for name, sensor in self.sensors.items():
+            if sensor.mount not in self.machine.mounts:
+                raise ValueError(f"sensors.{name}.mount: {unknown(sensor.mount, self.machine.mounts, 'mount')}")
+        for name, estimator in self.estimators.items():
+            for sensor_name in estimator.sensors:
+                if sensor_name not in self.sensors:
+                    raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        bound_of = self.scoring.causal_bound_of
+        if bound_of is not None and bound_of not in self.estimators:
+            raise ValueError(f"scoring.causal_bound_of: {unknown(bound_of, self.estimators, 'estimator')}")
+        return self
+
+    @model_validator(mode="after")
+    def _rates_divide(self) -> Self:
+        rates = {"recording.truth_hz": self.recording.truth_hz}
+        rates |= {f"estimators.{name}.rate_hz": estimator.rate_hz for name, estimator in self.estimators.items()}
+        for key, rate_hz in rates.items():
+            if not (self.world.physics_hz / rate_hz).is_integer():
+                raise ValueError(f"{key} = {rate_hz:g} does not divide the physics rate {self.world.physics_hz:g} Hz")
+        return self
+
+    @model_validator(mode="after")
+    def _files_beside(self) -> Self:
+        if isinstance(self.terrain, FileTerrain):
+            try:
+                paths.plain_name(self.terrain.path, what="terrain.path")
+            except BadInputError as error:
+                raise ValueError(str(error)) from None
+        return self
+
+    @model_validator(mode="after")
+    def _bounded_memory(self) -> Self:
+        rates = [s.rate_hz * 40 for s in self.sensors.values()]
+        rates += [estimator.rate_hz * 80 for estimator in self.estimators.values()]
+        needed = 8.0 * self.duration_s * (self.recording.truth_hz * 100 + self.repetitions * sum(rates))
+        if needed > _LARGEST_RECORDING_BYTES:
+            raise ValueError(
+                f"duration_s = {self.duration_s:g} with these rates would need about {needed / 1e9:.0f} GB of memory;"
+                f" at most {_LARGEST_RECORDING_BYTES / 1e9:.0f} GB are allowed"
+            )
+        return self
+
+    @property
+    def loss_window_s(self) -> tuple[float, float] | None:
+        """From when until when the sensors' faults act (the first beginning, the last end), s; None without any."""
+        if self.scoring.loss is not None:
+            return self.scoring.loss.from_s, self.scoring.loss.to_s
+        windows = [
+            (fault.from_s, self.duration_s if fault.to_s is None else fault.to_s)
+            for sensor in self.sensors.values()
+            for fault in sensor.faults
+            if fault.inside is None and fault.near is None
+        ]
+        return (min(begin for begin, _ in windows), max(end for _, end in windows)) if windows else None
+
+    @property
+    def dt_ns(self) -> int:
+        """Physics step, ns."""
+        return round(1e9 / self.world.physics_hz)
+
+
+def unknown(given: str, allowed: Sequence[str] | Mapping[str, Any], what: str) -> str:
+    """Say that a name is not known, with the nearest one and all that are."""
+    return f"unknown {what} {given!r}{did_you_mean(given, allowed)} (there are {', '.join(sorted(allowed)) or 'none'})"
