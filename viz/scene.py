@@ -26,6 +26,11 @@ class Scene:
     """(N, 2) east and north of the path the driver was asked to follow, m; may be empty."""
     row_count: int = 0
     """Number of row units; the first and the last are drawn and plotted. 0: the machine has none."""
+    footprint_m: tuple[tuple[float, float], tuple[float, float]] = ((-4.6, -2.6), (2.8, 2.6))
+    """Back right and front left corner of the machine, forward and left of its root link: how far off a camera stands;
+    by default a tractor with a planter's."""
+    paved: bool = False
+    """The ground is asphalt, not soil: for its colour."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 

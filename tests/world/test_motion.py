@@ -153,7 +153,7 @@ def test_slip_is_pull_over_slip_stiffness(make_world: WorldMaker, draught: float
     for joint in rear:
         assert column(world, f"{joint}.slip") == pytest.approx(expected, rel=0.05)
         # and the slip reported is ASABE's 1 - v / (omega r), r the loaded radius
-        speed, wheel = column(world, "tractor_speed_m_s"), column(world, "base_u_m")
+        speed, wheel = column(world, "vehicle_speed_m_s"), column(world, "base_u_m")
         rate = _rate(world, joint)
         assert 1.0 - speed / (rate * wheel) == pytest.approx(expected, rel=0.05)
 
@@ -177,7 +177,7 @@ def test_turn_radius_is_ackermanns_at_low_speed(
     keys = {} if resistance is None else {"rolling_resistance": resistance}
     world = make_world(soil="firm", soil_keys=keys, draught_n=0.0)
     drive(world, 0.5, steering, seconds=70.0)
-    rates = record(world, 10 * PER_S, 50, ("tractor_speed_m_s", "yaw_rate_rad_s"))
+    rates = record(world, 10 * PER_S, 50, ("vehicle_speed_m_s", "yaw_rate_rad_s"))
     radius = np.mean(rates[:, 0]) / np.mean(rates[:, 1])
     assert radius == pytest.approx(WHEELBASE_M / math.tan(steering), rel=0.03)
 
@@ -187,7 +187,7 @@ def test_the_planters_axle_runs_on_the_radius_geometry_gives(make_world: WorldMa
     # Rear axle on R, hitch a behind it on sqrt(R^2 + a^2), the planter's axle L behind that on sqrt(R^2 + a^2 - L^2).
     world = make_world(soil="firm")
     drive(world, 0.8, math.radians(steering_deg), seconds=90.0)
-    names = ("tractor_speed_m_s", "yaw_rate_rad_s", "speed_m_s")
+    names = ("vehicle_speed_m_s", "yaw_rate_rad_s", "speed_m_s")
     tractor, rate, planter = record(world, 10 * PER_S, 50, names).mean(axis=0)
     radius = tractor / rate
     expected = math.sqrt(radius**2 + HITCH_BEHIND_AXLE_M**2 - AXLE_X_M**2)

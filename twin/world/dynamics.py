@@ -266,6 +266,16 @@ def tool_forces(
 
 
 @compiled
+def spring_moments(state: FloatArray, springs: FloatArray, loads: FloatArray) -> None:
+    """Add the moments of springs and dampers in hinges; a row is joint, stiffness, damping and moment at angle zero."""
+    count = (state.shape[0] - JOINTS) // 2
+    for i in range(springs.shape[0]):
+        j = int(springs[i, 0])
+        angle, rate = state[JOINTS + j], state[JOINTS + count + j]
+        loads[6 + j] += springs[i, 3] - springs[i, 1] * angle - springs[i, 2] * rate
+
+
+@compiled
 def dry_moments(
     state: FloatArray, wheel_joints: IntArray, wheels: FloatArray, results: FloatArray, rolling_resistance: float,
     torque: FloatArray, brake: FloatArray, dt: float, loads: FloatArray, limits: FloatArray,
@@ -295,7 +305,7 @@ def dry_moments(
 def forces(
     parents: IntArray, joints: FloatArray, state: FloatArray, links: FloatArray,
     wheel_joints: IntArray, wheels: FloatArray, deflections: FloatArray, results: FloatArray,
-    heights: FloatArray, west: float, south: float, cell: float, tools: FloatArray,
+    heights: FloatArray, west: float, south: float, cell: float, tools: FloatArray, springs: FloatArray,
     rolling_resistance: float, torque: FloatArray, brake: FloatArray, dt: float,
     loads: FloatArray, limits: FloatArray,
 ) -> int:  # fmt: skip
@@ -305,6 +315,7 @@ def forces(
     )
     if status == OK:
         tool_forces(parents, joints, state, links, tools, loads)
+        spring_moments(state, springs, loads)
         dry_moments(state, wheel_joints, wheels, results, rolling_resistance, torque, brake, dt, loads, limits)
     return status
 
