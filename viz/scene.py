@@ -9,6 +9,8 @@ import numpy as np
 
 from twin.signals import FloatArray
 
+_BEYOND_M = 1.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
@@ -39,6 +41,12 @@ class Scene:
             raise ValueError(f"heights: expected at least 2 x 2 values, got shape {self.heights.shape}")
         if not self.cell_m > 0.0:
             raise ValueError(f"cell_m: expected a positive number, got {self.cell_m}")
+
+    @property
+    def machine_size_m(self) -> float:
+        """Diagonal of the machine's footprint, with a metre all round for tyres and bodywork."""
+        (back, right), (front, left) = self.footprint_m
+        return float(np.hypot(front - back + 2.0 * _BEYOND_M, left - right + 2.0 * _BEYOND_M))
 
     @property
     def outer_rows(self) -> tuple[int, ...]:

@@ -54,6 +54,9 @@ ACC_POSITION, ACC_ROTATION, ACC_VELOCITY, ACC_FORCE, ACC_RATE, ACC_START, ACC_LA
 )
 ACCUMULATOR_COLUMNS = 30
 
+# Layout of a spring's row: joint, stiffness and damping about it, moment at angle zero.
+SPRING_JOINT, SPRING_STIFFNESS, SPRING_DAMPING, SPRING_PRELOAD = range(4)
+
 OK, OFF_TERRAIN, NOT_FINITE, TIPPED = range(4)
 _COS_TIPPED = 0.5
 """A body whose up axis leans by more than 60 degrees has tipped over."""
@@ -267,12 +270,13 @@ def tool_forces(
 
 @compiled
 def spring_moments(state: FloatArray, springs: FloatArray, loads: FloatArray) -> None:
-    """Add the moments of springs and dampers in hinges; a row is joint, stiffness, damping and moment at angle zero."""
+    """Add the moments of springs and dampers in hinges."""
     count = (state.shape[0] - JOINTS) // 2
     for i in range(springs.shape[0]):
-        j = int(springs[i, 0])
+        spring = springs[i]
+        j = int(spring[SPRING_JOINT])
         angle, rate = state[JOINTS + j], state[JOINTS + count + j]
-        loads[6 + j] += springs[i, 3] - springs[i, 1] * angle - springs[i, 2] * rate
+        loads[6 + j] += spring[SPRING_PRELOAD] - spring[SPRING_STIFFNESS] * angle - spring[SPRING_DAMPING] * rate
 
 
 @compiled

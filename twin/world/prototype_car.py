@@ -11,9 +11,11 @@ in a low gear. Tyre stiffness 190 kN/m is that of the CommonRoad vehicle models'
 Suspension: each wheel swings about a hinge across the car, 1.5 m towards the other axle and 0.12 m above the ground:
 the instant centre of a real suspension seen from the side. The push of the rear wheels lifts the body there by
 0.12 / 1.5 of it, two fifths of what would keep the car from squatting (0.55 / 2.65): a usual share. Springs of
-32 kN/m at the wheel (1.6 Hz of body bounce) are somewhat stiff because there are no anti-roll bars; the body leans by
+32 kN/m at the wheel (1.5 Hz of body bounce) are somewhat stiff because there are no anti-roll bars; the body leans by
 8 degrees per g, as a soft car's does. The dampers have 0.3 of the critical damping. There are no stops: a parking lot
 does not need them. The driver's brake, and the governor's, act on the rear wheels alone, as the drive has it.
+
+Drive: the tractor's (``twin.world.tractor``), with quicker steering and speed changes than a tractor's.
 
 Bar: at the longitudinal position of the rear axle, where a car at low speed does not slip sideways, which is what the
 coordinated-turn filter takes for granted of its centre C. Rows 1 to 4 are the four units from left to right, 0.8 m

@@ -161,13 +161,16 @@ class World:
         east, north, heading = self.machine.start
         self._body.place(*self._pose_on_ground(east, north, heading))
         self._read()
-        damping = self._wheels[:, tyres.DAMPING].copy()
-        self._wheels[:, tyres.DAMPING] *= _SETTLING_DAMPING
+        dampers = self._wheels[:, tyres.DAMPING], self._springs[:, dynamics.SPRING_DAMPING]
+        figures = [damper.copy() for damper in dampers]
+        for damper, figure in zip(dampers, figures, strict=True):
+            damper[:] = _SETTLING_DAMPING * figure
         try:
             self.advance(round(_SETTLING_S / self._dt_s))
         except WorldEndedError as error:
             raise BadInputError(f"machine.start: {error.reason} at its start") from error
-        self._wheels[:, tyres.DAMPING] = damping
+        for damper, figure in zip(dampers, figures, strict=True):
+            damper[:] = figure
         self._drive.reset()
         self.tick = 0
 

@@ -24,8 +24,6 @@ _EYE_DIAGONALS = 1.08
 _LOOK_FROM_BACK, _LOOK_M = 0.28, 0.8
 """The camera looks at a point of the machine's middle line, nearer its back, where its tools work, and at this height,
 from as many diagonals of the machine away."""
-_BEYOND_M = 1.0
-"""Tyres and bodywork stick out beyond the footprint of joints and row units."""
 _Frames = tuple[str, str]
 """Names of parent and child frame."""
 
@@ -115,9 +113,8 @@ def _seen_from_behind(run: Run, position: FloatArray, quaternion: FloatArray) ->
     """Eye and look target of a camera behind the machine, as far off as its size asks for."""
     (back, right), (front, left) = run.scene.footprint_m
     look = np.array([back + _LOOK_FROM_BACK * (front - back), 0.5 * (left + right), _LOOK_M])
-    diagonal = np.hypot(front - back + 2.0 * _BEYOND_M, left - right + 2.0 * _BEYOND_M)
     x, y, z, w = quaternion
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     level = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     target = position + level @ look
-    return target + level @ (_EYE_DIAGONALS * diagonal * _EYE), target
+    return target + level @ (_EYE_DIAGONALS * run.scene.machine_size_m * _EYE), target
