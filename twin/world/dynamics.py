@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
+from twin.compiled import compiled
 from twin.signals import FloatArray, IntArray
-from twin.world.compiled import compiled
 from twin.world.tyres import (
     ARM,
     HALF_LENGTH,
