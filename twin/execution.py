@@ -18,6 +18,7 @@ from twin.recording import TRUTH, Recording, Stream, StreamWriter
 from twin.scenario import LoadedScenario, Scenario
 from twin.scoring.checks import require_known
 from twin.scoring.metrics import metric_names
+from twin.scoring.planting import seed_streams
 from twin.signals import NS_PER_S, Capture, Event, Need, nanoseconds
 from twin.world.simulation import World, build_world
 from twin.world.terrain import AnyTerrain, FileTerrain
@@ -78,7 +79,7 @@ def execute(
             "world_us_per_step": journey.world_s / max(1, world.tick) * 1e6,
             "bare_step_us": world.bare_step_us(),
         }
-    return Recording(
+    recording = Recording(
         scenario_toml=loaded.toml,
         scenario_name=loaded.name,
         seed=scenario.seed,
@@ -90,6 +91,8 @@ def execute(
         ended_t_s=simulated_s,
         timing=timing,
     )
+    recording.streams |= seed_streams(scenario, recording)
+    return recording
 
 
 @contextmanager

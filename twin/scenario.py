@@ -21,6 +21,7 @@ from pydantic import Field, Strict, ValidationError, field_validator, model_vali
 from twin import paths
 from twin.config import Config, NonNegative, Positive, Probability
 from twin.control.driver import DriverConfig
+from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.sensors import SensorConfigUnion
@@ -139,6 +140,8 @@ class Scenario(Config):
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
     """Estimators by name."""
+    seeding: SeedingConfig | None = None
+    """What the row units plant; without it no seed is metered."""
     scoring: ScoringConfig = ScoringConfig()
     recording: RecordingConfig = RecordingConfig()
     published: dict[str, float] = Field(default_factory=dict)
@@ -186,6 +189,8 @@ class Scenario(Config):
     def _bounded_memory(self) -> Self:
         rates = [self.recording.truth_hz * 100, *(s.rate_hz * 40 for s in self.sensors.values())]
         rates += [estimator.rate_hz * 80 for estimator in self.estimators.values()]
+        if self.seeding is not None:
+            rates += [self.seeding.largest_rate_hz * len(self.machine.rows_y_m) * 6] * len(self.estimators)
         needed = 8.0 * self.duration_s * sum(rates)
         if needed > _LARGEST_RECORDING_BYTES:
             raise ValueError(
