@@ -16,7 +16,7 @@ def page(recording: Recording, result: Mapping[str, Any]) -> str:
 
     It says nothing of wall time: two runs of one scenario give the same recording.
     """
-    parts = [*_heading(recording, result), *_checks(result), *_metrics(result)]
+    parts = [*_heading(recording, result), *_seeds(recording), *_checks(result), *_metrics(result)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -32,6 +32,16 @@ def _heading(recording: Recording, result: Mapping[str, Any]) -> Iterable[str]:
     for key in ("source", "notes"):
         if scenario.get(key):
             yield f"**{key.capitalize()}:** {scenario[key]}"
+
+
+def _seeds(recording: Recording) -> Iterable[str]:
+    shown = recording.names("seeds")
+    if shown:
+        yield (
+            "**Seeds:** blue where there are too many, orange where there are too few (full colour: a quarter), pale"
+            " where they are as wanted; magenta: a double, red: the first seed behind a gap. On the field lie those"
+            f" that `{shown[0]}` metered; beside the field, maps of one turn compare them with `{shown[-1]}`'s."
+        )
 
 
 def _checks(result: Mapping[str, Any]) -> Iterable[str]:
