@@ -28,7 +28,7 @@ _TITLES = {
 }
 _DRAWN = ("row_speed_m_s", "row_position_m", "position_m", "heading_deg")
 _SMALLEST_SHOWN = 1e-3
-_MOST_PLOTS = 8
+_MOST_PLOTS = 10
 _STYLE: Any = {
     "axes.grid": True,
     "grid.alpha": 0.3,
