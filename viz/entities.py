@@ -164,7 +164,7 @@ SPARSE_COLOUR: Colour = (255, 130, 0)
 DOUBLE_COLOUR: Colour = (225, 50, 225)
 GAP_COLOUR: Colour = (225, 25, 25)
 SEED_LEGEND: tuple[tuple[str, Colour], ...] = (
-    ("25 % too many seeds", DENSE_COLOUR),
+    ("25 % too many", DENSE_COLOUR),
     ("as many as wanted", EVEN_COLOUR),
     ("25 % too few", SPARSE_COLOUR),
     ("double", DOUBLE_COLOUR),

@@ -226,7 +226,7 @@ def _draw_map(run: Run, sheet: Sheet, planted: Planted, bounds: tuple[FloatArray
             labels.append(_in_words(row, 1.0 / float(planted.spacing[own].mean()) - 1.0))
             at = planted.points[own][int(own.sum()) // 2]
             away = (at - middle) / max(1e-9, float(np.hypot(*(at - middle))))
-            places.append((at + 1.2 * away) * (1.0, -1.0))
+            places.append((at + 1.6 * away) * (1.0, -1.0))
     if labels:
         sheet.static(
             f"{root}/rows",
