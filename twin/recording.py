@@ -210,7 +210,7 @@ class Recording:
         return self.streams[TRUTH]
 
     def names(self, prefix: str) -> list[str]:
-        """Names below ``measurements``, ``hidden`` or ``estimates``, in the order of the scenario."""
+        """Names below ``measurements``, ``hidden``, ``estimates`` or ``seeds``, in the order of the scenario."""
         return [name.removeprefix(prefix + "/") for name in self.streams if name.startswith(prefix + "/")]
 
     def measurements(self, sensor: str) -> Stream:

@@ -35,13 +35,16 @@ def _heading(recording: Recording, result: Mapping[str, Any]) -> Iterable[str]:
 
 
 def _seeds(recording: Recording) -> Iterable[str]:
+    """Say what the seeds' colours mean."""
     shown = recording.names("seeds")
-    if shown:
-        yield (
-            "**Seeds:** blue where there are too many, orange where there are too few (full colour: a quarter), pale"
-            " where they are as wanted; magenta: a double, red: the first seed behind a gap. On the field lie those"
-            f" that `{shown[0]}` metered; beside the field, maps of one turn compare them with `{shown[-1]}`'s."
-        )
+    if not shown:
+        return
+    compared = f", maps of one turn compare them with those of `{shown[-1]}`" if len(shown) > 1 else ""
+    yield (
+        "**Seeds:** blue where there are too many, orange where there are too few (full colour: a quarter), pale where"
+        " they are as wanted; magenta: a double, red: the first seed behind a gap. On the field lie those that"
+        f" `{shown[0]}` metered{compared}."
+    )
 
 
 def _checks(result: Mapping[str, Any]) -> Iterable[str]:

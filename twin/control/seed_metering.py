@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from twin.config import Config, Probability
 from twin.randomness import counted_uniform, counter_keys
-from twin.signals import FloatArray, IntArray
+from twin.signals import BoolArray, FloatArray, IntArray
 
 _CELL = 1 << 40
 """Phase of one cell. Whole numbers add up to the same however the run is cut into pieces."""
@@ -65,6 +65,10 @@ class Seeds:
     """(N,) place among the metered rows."""
     landed_s: FloatArray
     """(N,) when it came to rest."""
+
+    def those(self, which: BoolArray | IntArray) -> Seeds:
+        """Only the seeds of a mask (N,), or of indices, in their order."""
+        return Seeds(member=self.member[which], row=self.row[which], landed_s=self.landed_s[which])
 
 
 class SeedMeter:
@@ -142,10 +146,6 @@ class SeedMeter:
         """Take the seeds that have landed by ``until_s`` or :attr:`settled_s`, whichever comes first."""
         falling = self._falling
         down = falling.landed_s <= min(until_s, self.settled_s)
-        self._falling = _those(falling, ~down)
-        taken = _those(falling, down)
-        return _those(taken, np.lexsort((taken.landed_s, taken.row, taken.member)))
-
-
-def _those(seeds: Seeds, which: np.ndarray) -> Seeds:
-    return Seeds(member=seeds.member[which], row=seeds.row[which], landed_s=seeds.landed_s[which])
+        self._falling = falling.those(~down)
+        taken = falling.those(down)
+        return taken.those(np.lexsort((taken.landed_s, taken.row, taken.member)))

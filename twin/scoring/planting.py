@@ -127,12 +127,10 @@ class Planting:
         self.paths.extend(truth, masks)
         self._meter.turn(estimate.t_s, estimate.select([row_speed(row) for row in self.rows]))
         seeds = self._meter.landed(self.until_s)
-        counts = seeds.landed_s >= self.from_s
-        seeds = Seeds(member=seeds.member[counts], row=seeds.row[counts], landed_s=seeds.landed_s[counts])
-        if len(self.paths.t_s) < 2 or not len(seeds.landed_s):
-            nothing = np.empty(0, dtype=np.int64)
-            seeds = Seeds(member=nothing, row=nothing, landed_s=np.empty(0))
-            return Placed(seeds=seeds, phase_row=nothing, spacing_m=np.empty(0))
+        # Two rows of the truth are needed to place anything between them.
+        seeds = seeds.those((seeds.landed_s >= self.from_s) & (len(self.paths.t_s) > 1))
+        if not len(seeds.landed_s):
+            return Placed(seeds=seeds, phase_row=np.empty(0, dtype=np.int64), spacing_m=np.empty(0))
         return Placed(seeds=seeds, phase_row=self.paths.before(seeds.landed_s)[0], spacing_m=self._spacing(seeds))
 
     def _spacing(self, seeds: Seeds) -> FloatArray:
@@ -157,9 +155,9 @@ def classes(ratio: FloatArray) -> FloatArray:
 
 
 def seed_stream(scenario: Scenario, truth: Stream, estimate: Stream, *, run: int) -> Stream | None:
-    """All seeds of all rows that one estimator (R = 1) put in the ground, in order of landing; None without any.
+    """Seeds of all rows that one estimator (R = 1) put in the ground from ``scoring.from_s`` on; None without any.
 
-    Columns: :data:`STREAM_COLUMNS`; spacing and class are NaN for the first seed of a row.
+    In order of landing. Columns: :data:`STREAM_COLUMNS`; spacing and class are NaN for the first seed of a row.
     """
     rows = metered_rows(scenario, truth.columns, estimate.columns)
     if not rows or scenario.seeding is None:
