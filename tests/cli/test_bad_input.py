@@ -56,6 +56,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"sensors": {"radar": {"faults": [{"kind": "outage", "from_s": 3.0, "to_s": 2.0}]}}},
         "sensors.radar.faults.0",
     ),
+    "seeding without a spacing": ({"seeding": {"drop_delay_s": 0.1}}, "seeding.spacing_m: missing"),
+    "seeds no further apart than they are wide": ({"seeding": {"spacing_m": 0.0}}, "seeding.spacing_m: given 0.0"),
+    "more skips and doubles than cells": (
+        {"seeding": {"spacing_m": 0.16, "skip_probability": 0.6, "double_probability": 0.6}},
+        "seeding: skip_probability + double_probability: more than 1",
+    ),
     "terrain file elsewhere": ({"terrain": {"kind": "file", "path": "../heights.npy"}}, "not a path"),
     "extends a path": ({"extends": "../small"}, "extends"),
     "extends nothing": ({"extends": "other"}, "there is no other.toml beside it"),

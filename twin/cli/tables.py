@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 COLOURS = {"pass": "bold green", "fail": "bold red", "error": "bold magenta"}
 _HEADLINES = (
+    "seeds.mean_abs_population_error_turns_percent",
+    "seeds.quality_of_feed_percent",
+    "seeds.precision_percent",
     "row_speed.mean_abs_error_m_s",
     "row_speed.mean_abs_error_turns_m_s",
     "position.rmse_m",

@@ -1,8 +1,8 @@
 """The algebra of the ensemble engine, compiled: members lie next to each other, in blocks that stay in the cache.
 
 Arrays are float64 with the members last and contiguous: x (n, R), P, F and Q (n, n, R), H (n, R). Every member's
-numbers are summed in the same order, whatever other members there are. A Jacobian is mostly zeros, the same for all members:
-what is zero in all of them is skipped, which changes no sum.
+numbers are summed in the same order, whatever other members there are. A Jacobian is mostly zeros, the same for all
+members: what is zero in all of them is skipped, which changes no sum.
 """
 
 from __future__ import annotations
