@@ -106,6 +106,9 @@ class ScoringConfig(Config):
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
+    smallest_ramp_m_s: Positive | None = None
+    """Change of speed from which on reaction time and lag are measured, ``speed.reaction_accelerating_s`` and others;
+    without it they are not."""
 
 
 class RecordingConfig(Config):

@@ -11,13 +11,14 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
-from twin.estimators.radar_only import RadarOnly, RadarOnlyConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
+from twin.estimators.speed_only import GnssSpeedOnlyConfig, RadarOnlyConfig, SpeedOnly
 from twin.signals import Estimator, EstimatorSetup
 
 __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
+    "GnssSpeedOnlyConfig",
     "PluginConfig",
     "RadarOnlyConfig",
     "RowSpeedEkfConfig",
@@ -26,10 +27,11 @@ __all__ = [
     "load_entry_point",
 ]
 
-EstimatorConfigUnion = Annotated[RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, Field(discriminator="kind")]
+AnyEstimatorConfig = RowSpeedEkfConfig | RadarOnlyConfig | GnssSpeedOnlyConfig | PluginConfig
+EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
-def build_estimator(config: RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, setup: EstimatorSetup) -> Estimator:
+def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:
     """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
 
     Raises:
@@ -38,7 +40,7 @@ def build_estimator(config: RowSpeedEkfConfig | RadarOnlyConfig | PluginConfig, 
     match config:
         case RowSpeedEkfConfig():
             return RowSpeedEkf(config, setup)
-        case RadarOnlyConfig():
-            return RadarOnly(config, setup)
+        case RadarOnlyConfig() | GnssSpeedOnlyConfig():
+            return SpeedOnly(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)
