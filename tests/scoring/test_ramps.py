@@ -150,7 +150,7 @@ def test_pieces_add_up_to_the_whole(piece: int) -> None:
     estimate += 0.01 * rng.normal(size=estimate.shape)
     whole, parts = measured(t_ns, speed, estimate), measured(t_ns, speed, estimate, piece=piece)
     for name in NAMES:
-        assert np.isfinite(whole[name][:2]).all()
+        assert np.isfinite(whole[name][0])
         np.testing.assert_allclose(parts[name], whole[name], rtol=1e-12, err_msg=name)
 
 
