@@ -45,6 +45,14 @@ def first_order(speed: FloatArray, tau_s: float) -> FloatArray:
     return found
 
 
+def delay_at_half(tau_s: float, half_s: float) -> float:
+    """d = tau (1 - exp(-(T / 2 + d) / tau)), by iteration."""
+    delay = 0.0
+    for _ in range(100):
+        delay = tau_s * (1.0 - math.exp(-(half_s + delay) / tau_s))
+    return delay
+
+
 def measured(t_ns, speed: FloatArray, estimate: FloatArray, *, piece: int | None = None) -> dict[str, FloatArray]:
     errors = (estimate.T - speed).T
     errors = errors[:, np.newaxis] if errors.ndim == 1 else errors
@@ -64,6 +72,9 @@ def test_a_first_order_lag_reacts_in_tau_ln_20_e_over_the_step(tau_s: float) -> 
     for reaction, lag in (UP, DOWN):
         # One sample for the end of the ramp, one for the time at which it comes inside.
         assert found[reaction][0] == pytest.approx(tau_s * math.log(20.0 * left / 2.5), abs=2.0 * DT_S)
+        assert found[reaction.replace("reaction", "delay")][0] == pytest.approx(
+            delay_at_half(tau_s, 1.25), abs=DT_S / 2.0
+        )
         # exp(-5 / tau) of the error is left after the settling.
         assert found[lag][0] == pytest.approx(tau_s, abs=0.02)
 
@@ -91,6 +102,8 @@ def test_a_delay_lags_by_itself_and_an_estimate_ahead_by_less_than_nothing() -> 
     t_ns, speed = speed_of(*STOP_AND_GO)
     late, early = np.roll(speed, 15), np.roll(speed, -15)
     found = measured(t_ns, speed, np.stack([late, early, speed], axis=1))
+    # One sample for the beginning of the ramp, whose speed half of the step is counted from.
+    np.testing.assert_allclose(found["speed.delay_braking_s"], [0.3, -0.3, 0.0], atol=DT_S)
     # The early one's rise begins before the ramp, which is not seen: half of 0.3 s squared over 2.5 m/s.
     np.testing.assert_allclose(found[UP[1]], [0.3, -0.3 + 0.3**2 / 2.0 / 2.5, 0.0], atol=0.02)
     # Late by 0.3 s at 1 m/s^2 it comes within 0.125 m/s of the end speed 0.3 - 0.125 s after the ramp.
@@ -107,6 +120,35 @@ def test_who_never_settles_never_reacts_and_who_is_not_known_has_no_figure() -> 
     # A constant error e adds -e (T + 5 s) / D while accelerating, the opposite while braking.
     np.testing.assert_allclose(found[UP[1]][:2], [-0.13 * 7.5 / 2.5, -0.12 * 7.5 / 2.5], atol=0.01)
     np.testing.assert_allclose(found[DOWN[1]][:2], [0.13 * 7.5 / 2.5, 0.12 * 7.5 / 2.5], atol=0.01)
+
+
+def test_half_of_the_step_that_is_never_reached_is_a_delay_without_end() -> None:
+    t_ns, speed = speed_of(*STOP_AND_GO)
+    found = measured(t_ns, speed, np.minimum(speed, 1.0))
+    assert found["speed.delay_accelerating_s"][0] == math.inf
+
+
+def test_a_filter_that_follows_its_sensor_lags_as_it_does_but_begins_before_it() -> None:
+    """Accelerations known, the sensor behind by tau = 0.7 s, followed with the gain K: two lags, tau and T / K.
+
+    Their error while the acceleration lasts is a tau (1 - (c exp(-t / c) - tau exp(-t / tau)) / (c - tau)), c = T / K.
+    """
+    tau_s, gain = 0.7, 0.0311
+    t_ns, speed = speed_of(*STOP_AND_GO)
+    sensed = first_order(speed, tau_s)
+    estimate = np.zeros_like(speed)
+    for k in range(1, len(speed)):
+        predicted = estimate[k - 1] + speed[k] - speed[k - 1]
+        estimate[k] = predicted + gain * (sensed[k] - predicted)
+    sensor, fused = (measured(t_ns, speed, each) for each in (sensed, estimate))
+    assert fused[UP[1]][0] == pytest.approx(sensor[UP[1]][0], abs=0.02)
+    c, behind = DT_S / gain, 0.0
+    for _ in range(100):
+        t = 1.25 + behind
+        behind = tau_s * (1.0 - (c * math.exp(-t / c) - tau_s * math.exp(-t / tau_s)) / (c - tau_s))
+    assert fused["speed.delay_accelerating_s"][0] == pytest.approx(behind, abs=DT_S / 2.0)
+    assert behind < 0.9 * sensor["speed.delay_accelerating_s"][0]
+    assert fused[UP[0]][0] > sensor[UP[0]][0]
 
 
 def test_an_error_that_comes_back_counts_to_its_last_time() -> None:

@@ -5,18 +5,22 @@
 acceleration then begins and ends where it truly does, since a mean over a symmetric window passes half its step at the
 step. Changes of speed smaller than ``scoring.smallest_ramp_m_s`` do not count.
 
-After a ramp of step D an estimate has 5 s to settle (or until the next ramp, or the end). Two figures, each the mean
-over all ramps upwards (``accelerating``) or downwards (``braking``), machine's speed:
+After a ramp of step D an estimate has 5 s to settle (or until the next ramp, or the end). Three figures, each the mean
+over all ramps upwards (``accelerating``) or downwards (``braking``), of the machine's speed:
 
-* ``speed.reaction_<way>_s``: time from the end of the ramp until the error stays within 5 % of D: 0 if it never was
-  beyond, infinite if it was not inside for good.
-* ``speed.lag_<way>_s``: integral of truth minus estimate over ramp and settling, divided by D: how far the estimate's
-  curve lies behind the truth's in time.
+* ``speed.delay_<way>_s``: from the truth's passing half of the step until the estimate passes it, infinite if it never
+  does: the distance between two curves that paper 000 reads (sections 4.5 and 4.6.3; there between filter and radar).
+* ``speed.reaction_<way>_s``: from the end of the ramp until the error stays within 5 % of D: 0 if it never was beyond,
+  infinite if it was not inside for good.
+* ``speed.lag_<way>_s``: integral of truth minus estimate over ramp and settling, divided by D: metres that the
+  estimate missed, per metre a second. A meter that sows by the estimate misses as many seeds as lie on them.
 
-A first-order lag tau is behind by a tau (1 - exp(-T / tau)) after a ramp of acceleration a and length T = D / a. Its
-reaction time is the tau ln(20 a tau (1 - exp(-T / tau)) / D) in which that decays to D / 20, or 0 if it is smaller to
-begin with; its lag is tau, whatever the ramp. A delay is its own lag. A constant error e adds e (T + 5 s) / D to it.
-Paper 000, sections 4.5 and 4.6.3, reads the distance between two curves: the difference of two lags.
+**What a first-order lag tau comes to** on a ramp of acceleration a and length T = D / a: a delay d of
+tau (1 - exp(-(T / 2 + d) / tau)); an error of e = a tau (1 - exp(-T / tau)) at the end, and so a reaction time of
+tau ln(20 e / D), or 0 if e is less than D / 20; a lag of tau, whatever the ramp. A filter that takes accelerations and
+follows its speed sensor in the long run, as those of paper 000 do, passes on the sensor's error smoothed: it is less
+behind while a ramp is young, behind for longer after it, and its lag is the sensor's. A constant error e adds
+e (T + 5 s) / D to the lag.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ BAND = 0.05
 """Share of the step within which the estimate has reacted."""
 _HALF_WINDOW_NS = NS_PER_S // 2
 
-NAMES = tuple(f"speed.{what}_{way}_s" for what in ("reaction", "lag") for way in ("accelerating", "braking"))
+NAMES = tuple(f"speed.{what}_{way}_s" for what in ("delay", "reaction", "lag") for way in ("accelerating", "braking"))
 """Names of the figures."""
 
 
@@ -133,9 +137,25 @@ class RampTally:
         lag = -(errors[1:] * np.diff(t_s)[:, np.newaxis]).sum(axis=0) / ramp.step_m_s
         after = slice(ramp.end - ramp.begin, None)
         reaction = _time_to_stay(t_s[after], errors[after], BAND * abs(ramp.step_m_s))
-        for name, seconds in ((f"speed.reaction_{way}_s", reaction), (f"speed.lag_{way}_s", lag)):
+        speed = self._speed[ramp.begin : until, np.newaxis]
+        half = float(speed[0, 0]) + 0.5 * ramp.step_m_s
+        passed = [_time_past(t_s, (each - half) * np.sign(ramp.step_m_s)) for each in (speed + errors, speed)]
+        for what, seconds in (("delay", passed[0] - passed[1]), ("reaction", reaction), ("lag", lag)):
+            name = f"speed.{what}_{way}_s"
             self._sums[name] = self._sums[name] + seconds
             self._counts[name] += 1
+
+
+def _time_past(t_s: FloatArray, values: FloatArray) -> FloatArray:
+    """When ``values`` (T, R) first reach zero from below, interpolated; inf if never, NaN where one is not known."""
+    at = np.argmax(values >= 0.0, axis=0)
+    runs = np.arange(values.shape[1])
+    before = np.maximum(at - 1, 0)
+    low, high = values[before, runs], values[at, runs]
+    share = np.where(at > 0, -low / np.where(at > 0, high - low, 1.0), 0.0)
+    found: FloatArray = np.where(high >= 0.0, t_s[before] + share * (t_s[at] - t_s[before]), math.inf)
+    found[np.isnan(values).any(axis=0)] = math.nan
+    return found
 
 
 def _time_to_stay(t_s: FloatArray, errors: FloatArray, band: float) -> FloatArray:
