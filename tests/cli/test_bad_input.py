@@ -23,6 +23,14 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "rate that does not divide": ({"sensors": {"radar": {"rate_hz": 30.0}}}, "sensors.radar: rate_hz = 30"),
     "step of broken nanoseconds": ({"world": {"physics_hz": 300.0}}, "world.physics_hz: "),
     "unknown kind": ({"terrain": {"kind": "mars"}}, "terrain: unknown kind 'mars'"),
+    "unknown machine": (
+        {"machine": {"kind": "prototype"}},
+        "machine: unknown kind 'prototype'; did you mean 'prototype_car'? (there are planter_f8, prototype_car",
+    ),
+    "key of another machine": (
+        {"machine": {"kind": "prototype_car", "draught_n": 1.0}},
+        "machine.draught_n: unknown key",
+    ),
     "unknown preset": ({"sensors": {"radar": {"preset": "radar_98ppm"}}}, "did you mean 'radar_99ppm'"),
     "preset that is a path": ({"sensors": {"radar": {"preset": "../../etc/passwd"}}}, "not a path"),
     "sensor with neither preset nor kind": ({"sensors": {"extra": {"mount": "radar"}}}, "sensors.extra: needs a kind"),

@@ -46,7 +46,7 @@ def test_truth_is_at_rest_while_calibrating_and_drives_where_asked(planter_turns
     path = [30.0, 10.0 * math.pi, 25.0, 5.0 * math.pi, 15.0, 5.0 * math.pi, 25.0]
     moving = truth.t_s >= 60.0
     travelled = np.hypot(
-        np.diff(truth.column("tractor_e_m")[moving, 0]), np.diff(truth.column("tractor_n_m")[moving, 0])
+        np.diff(truth.column("vehicle_e_m")[moving, 0]), np.diff(truth.column("vehicle_n_m")[moving, 0])
     ).sum()
     assert travelled == pytest.approx(sum(path), rel=0.02)
 
