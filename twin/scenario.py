@@ -109,6 +109,9 @@ class ScoringConfig(Config):
     smallest_ramp_m_s: Positive | None = None
     """Change of speed from which on reaction time and lag are measured, ``speed.reaction_accelerating_s`` and others;
     without it they are not."""
+    reference: str | None = None
+    """Estimator from which the others' difference is measured too, ``row_speed.mean_abs_difference_m_s``: what a paper
+    without a truth took for it."""
 
 
 class RecordingConfig(Config):
@@ -165,6 +168,8 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        if self.scoring.reference is not None and self.scoring.reference not in self.estimators:
+            raise ValueError(f"scoring.reference: {unknown(self.scoring.reference, self.estimators, 'estimator')}")
         return self
 
     @model_validator(mode="after")

@@ -4,8 +4,9 @@ A metric is named ``<estimator>.<family>.<what>_<unit>``. Errors are estimate mi
 streams have, from ``scoring.from_s`` on. Phases: the whole run, ``turns`` (true yaw rate beyond
 ``scoring.turning_rad_s``) and ``straights`` (the rest); where a sensor has a fault with a time window also ``loss`` (in
 the window) and ``after`` (from its end on). How fast an estimate follows a change of speed is measured apart
-(:mod:`twin.scoring.ramps`), where a scenario asks for it. Names are known before a run (:func:`metric_names`), so that
-a check on a metric that cannot exist is refused before anything is simulated.
+(:mod:`twin.scoring.ramps`), and so is the difference from an estimate that a paper took for the truth
+(:mod:`twin.scoring.against`), where a scenario asks for it. Names are known before a run (:func:`metric_names`), so
+that a check on a metric that cannot exist is refused before anything is simulated.
 
 A recording may be scored whole, or in pieces as it is made (:class:`Scorer`), so that an ensemble need not be kept.
 Values are arrays over the ensemble axis, shape (R,): NaN where a phase did not occur or an estimate was missing.
@@ -22,7 +23,7 @@ import numpy as np
 from twin.geometry import wrap_angle
 from twin.recording import Recording, Stream
 from twin.scenario import Scenario
-from twin.scoring import consistency, ramps
+from twin.scoring import against, consistency, ramps
 from twin.scoring.measures import Measure, measures_of, row_numbers
 from twin.signals import NS_PER_S, SPEED, YAW_RATE, BoolArray, FloatArray, IntArray, nanoseconds, row_speed, wraps
 
@@ -69,6 +70,8 @@ def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
             names += [f"{estimator}.{name}" for name in _phased(measure, phase_names(scenario, truth))]
         names += [f"{estimator}.{name}" for name in _consistency_names(truth, columns)]
         names += [f"{estimator}.{name}" for name in _ramp_names(scenario, truth, columns)]
+        if against.shared_rows(scenario, estimator, estimates):
+            names.append(f"{estimator}.{against.NAME}")
     return names
 
 
@@ -162,9 +165,11 @@ class Scorer:
             name for name, columns in estimates.items() if _ramp_names(scenario, truth_columns, columns)
         }
         self._ramps: dict[str, ramps.RampTally] = {}
+        self._differences = against.DifferenceTally(scenario, estimates)
 
     def add(self, truth: Stream, estimates: Mapping[str, Stream]) -> None:
         """Take the next piece of every estimator."""
+        self._differences.add(estimates)
         for name, estimate in estimates.items():
             compared = compare(truth, estimate, self._columns[name], from_ns=self._from_ns)
             masks = phases(self._scenario, truth, compared.at_truth)
@@ -216,6 +221,7 @@ class Scorer:
                 found |= {key: tally.value() for key, tally in part.items() if key.startswith(f"{name}.")}
             if name in self._ramps:
                 found |= {f"{name}.{metric}": value for metric, value in self._ramps[name].metrics().items()}
+            found |= {f"{name}.{metric}": value for metric, value in self._differences.metrics(name).items()}
         return found
 
 
