@@ -225,3 +225,15 @@ def test_every_member_equals_its_single_run(thinning: Thinning) -> None:
         for a, b in zip(together, play(make(**options), member(ticks, index)), strict=True):
             np.testing.assert_allclose(a.values[index], b.values[0], rtol=1e-9, atol=1e-9)
             np.testing.assert_allclose(a.sigmas[index], b.sigmas[0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("input_rate_hz", [50.0, 10.0, 1.0])
+def test_the_yaw_rate_of_a_slow_filter_takes_as_many_steps(input_rate_hz: float) -> None:
+    """Q once per step ties the gyroscopes' gain to the step, K^2 / (1 - K) = 1e-8 / 2.5e-7: what is left of a turn's
+    beginning after n steps is (1 - K)^n, 0.45 of it after 4 steps, at 1 Hz longer than a quick turn."""
+    speed, rate = profile((2.0, 0.0, 0.0), (5.0, 2.5, 0.0), (43.0, 2.5, 0.0), (10.0, 2.5, 0.1))
+    estimator = make(input_rate_hz=input_rate_hz)
+    yaw_rate = column(estimator, play(estimator, stream(speed, rate)), "yaw_rate_rad_s")[:, 0]
+    gain = 0.5 * (math.sqrt(0.04**2 + 4.0 * 0.04) - 0.04)
+    after_four = round((50.0 + 4.0 / input_rate_hz) / STEP_S) - 1
+    assert 0.1 - yaw_rate[after_four] == pytest.approx(0.1 * (1.0 - gain) ** 4, rel=1e-3)
