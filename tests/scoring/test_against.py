@@ -48,7 +48,7 @@ def test_what_both_have_wrong_is_no_difference() -> None:
 def test_names_are_known_beforehand_and_pieces_are_the_whole() -> None:
     made = recording()
     parsed = scenario_files.loads(made.scenario_toml, where="made_up")
-    columns = {name: COLUMNS for name in ("radar_only", "central")}
+    columns = dict.fromkeys(("radar_only", "central"), COLUMNS)
     whole = score(made).metrics
     assert list(whole) == metrics.metric_names(parsed, COLUMNS, columns)
     scorer = metrics.Scorer(parsed, COLUMNS, columns)
