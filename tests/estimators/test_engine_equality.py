@@ -48,6 +48,12 @@ def troubled(engine: str) -> LoadedScenario:
         }
         for architecture, noise in (("central", "published"), ("central", "reported"), ("distributed", "reported"))
     }
+    filters["central_averaged"] = {**filters["central_published"], "input_rate_hz": 10.0}
+    filters["distributed_picked"] = {
+        **filters["distributed_reported"],
+        "input_rate_hz": 5.0,
+        "thinning": "decimation",
+    }
     table = small_scenario(
         duration_s=12.0,
         driver={"path": [{"stop_s": 2.0}, {"straight_m": 6.0}, {"stop_s": 1.0}, {"turn_deg": 30.0, "radius_m": 12.0}]},

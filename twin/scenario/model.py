@@ -95,6 +95,12 @@ class ScoringConfig(Config):
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
     limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
+    smallest_ramp_m_s: Positive | None = None
+    """Change of speed from which on reaction time and lag are measured, ``speed.reaction_accelerating_s`` and others;
+    without it they are not."""
+    reference: str | None = None
+    """Estimator from which the others' difference is measured too, ``row_speed.mean_abs_difference_m_s``: what a paper
+    without a truth took for it."""
 
 
 class RecordingConfig(Config):
@@ -159,9 +165,10 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
-        bound_of = self.scoring.causal_bound_of
-        if bound_of is not None and bound_of not in self.estimators:
-            raise ValueError(f"scoring.causal_bound_of: {unknown(bound_of, self.estimators, 'estimator')}")
+        for key in ("reference", "causal_bound_of"):
+            named = getattr(self.scoring, key)
+            if named is not None and named not in self.estimators:
+                raise ValueError(f"scoring.{key}: {unknown(named, self.estimators, 'estimator')}")
         return self
 
     @model_validator(mode="after")

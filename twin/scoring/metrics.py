@@ -3,8 +3,10 @@
 A metric is named ``<estimator>.<family>.<what>_<unit>``. Errors are estimate minus truth at the times that both
 streams have, from ``scoring.from_s`` on. Phases: the whole run, ``turns`` (true yaw rate beyond
 ``scoring.turning_rad_s``) and ``straights`` (the rest); where a sensor has a fault with a time window also ``loss`` (in
-the window) and ``after`` (from its end on). Names are known before a run (:func:`metric_names`), so that a check on a
-metric that cannot exist is refused before anything is simulated.
+the window) and ``after`` (from its end on). How fast an estimate follows a change of speed is measured apart
+(:mod:`twin.scoring.ramps`), and so is the difference from an estimate that a paper took for the truth
+(:mod:`twin.scoring.against`), where a scenario asks for it. Names are known before a run (:func:`metric_names`), so
+that a check on a metric that cannot exist is refused before anything is simulated.
 
 A recording may be scored whole, or in pieces as it is made (:class:`Scorer`), so that an ensemble need not be kept.
 Values are arrays over the ensemble axis, shape (R,): NaN where a phase did not occur or an estimate was missing.
@@ -21,7 +23,7 @@ import numpy as np
 from twin.geometry import wrap_angle
 from twin.recording import Recording, Stream
 from twin.scenario import Scenario
-from twin.scoring import bus, consistency
+from twin.scoring import against, bus, consistency, ramps
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import Measure, measures_of, row_numbers
 from twin.scoring.seeds import SeedScorer, counted_rows, seed_metric_names
@@ -74,7 +76,15 @@ def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
         names += [f"{estimator}.{name}" for name in _consistency_names(truth, columns)]
         seeds = seed_metric_names(counted_rows(scenario, truth, columns), phase_names(scenario, truth))
         names += [f"{estimator}.{name}" for name in seeds]
+        names += [f"{estimator}.{name}" for name in _ramp_names(scenario, truth, columns)]
+        if against.shared_rows(scenario, estimator, estimates):
+            names.append(f"{estimator}.{against.NAME}")
     return names + bus.metric_names(scenario)
+
+
+def _ramp_names(scenario: Scenario, truth: Sequence[str], estimate: Sequence[str]) -> Sequence[str]:
+    asked = scenario.scoring.smallest_ramp_m_s is not None
+    return ramps.NAMES if asked and SPEED in shared_columns(truth, estimate) else ()
 
 
 def _consistency_names(truth: Sequence[str], estimate: Sequence[str]) -> list[str]:
@@ -168,9 +178,15 @@ class Scorer:
         self._seeds = {
             name: SeedScorer(scenario, counted, runs, self._phases) for name, counted in rows.items() if counted
         }
+        self._with_ramps = {
+            name for name, columns in estimates.items() if _ramp_names(scenario, truth_columns, columns)
+        }
+        self._ramps: dict[str, ramps.RampTally] = {}
+        self._differences = against.DifferenceTally(scenario, estimates)
 
     def add(self, truth: Stream, estimates: Mapping[str, Stream]) -> None:
         """Take the next piece of every estimator."""
+        self._differences.add(estimates)
         for name, estimate in estimates.items():
             compared = compare(truth, estimate, self._columns[name], from_ns=self._from_ns)
             masks = phases(self._scenario, truth, compared.at_truth)
@@ -186,6 +202,10 @@ class Scorer:
             self._add_consistency(name, truth, estimate, compared)
             if name in self._seeds:
                 self._seeds[name].add(truth, phases(self._scenario, truth, np.arange(len(truth))), estimate)
+            if name in self._with_ramps:
+                errors = compared.errors[:, :, self._columns[name].index(SPEED)]
+                speed = truth.column(SPEED)[compared.at_truth, 0]
+                self._ramps.setdefault(name, self._ramp_tally(runs)).add(compared.t_ns, speed, errors)
 
     def _add_consistency(self, name: str, truth: Stream, estimate: Stream, compared: Compared) -> None:
         nees = self._means.get(f"{name}.consistency.nees")
@@ -205,14 +225,24 @@ class Scorer:
         begin, end = window if window is not None else (0.0, 0.0)
         return _Tally(measure, runs, (nanoseconds(begin), nanoseconds(end)))
 
+    def _ramp_tally(self, runs: int) -> ramps.RampTally:
+        return ramps.RampTally(
+            runs,
+            acceleration_m_s2=self._scenario.driver.acceleration_m_s2,
+            smallest_m_s=self._scenario.scoring.smallest_ramp_m_s or 0.0,
+        )
+
     def metrics(self) -> Metrics:
-        """Metrics of all that was added, each of shape (R,)."""
+        """Metrics of all that was added, each of shape (R,); nothing can be added after."""
         found: Metrics = {}
         for name in self._measures:
             for part in (self._tallies, self._means):
                 found |= {key: tally.value() for key, tally in part.items() if key.startswith(f"{name}.")}
             if name in self._seeds:
                 found |= {f"{name}.{key}": value for key, value in self._seeds[name].metrics().items()}
+            if name in self._ramps:
+                found |= {f"{name}.{metric}": value for metric, value in self._ramps[name].metrics().items()}
+            found |= {f"{name}.{metric}": value for metric, value in self._differences.metrics(name).items()}
         return found
 
 
