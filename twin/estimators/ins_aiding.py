@@ -25,7 +25,7 @@ import numpy as np
 
 from twin.config import Config, NonNegative, Positive
 from twin.estimators.ins_filter import AidReading, Receiving
-from twin.estimators.ins_model import PulseSensorModel, ReceiverModel
+from twin.estimators.ins_model import PulseSensorModel, ReceiverModel, lag_gain
 from twin.estimators.ins_observations import AntennaFix, StatesThemselves
 from twin.estimators.roles import ACCOSAT, POSITION_COLUMNS, SPEED_COLUMN, column_places, mount_arm, usable
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
@@ -215,7 +215,8 @@ def pulse_model(info: SensorInfo, setup: EstimatorSetup) -> PulseSensorModel:
             name=info.name, arm_m=arm, beam_slope=0.0, speed_noise_m_s=0.0, sample_s=sample_s, lags_s=(0.0, 0.0)
         )
     lags = (sheet.get("lag_speeding_up_s", 0.0), sheet.get("lag_braking_s", 0.0))
-    gain = 1.0 - float(np.exp(-sample_s / lags[0])) if lags[0] > 0.0 else 1.0
+    # the data sheet's noise is behind the faster lag
+    gain = float(lag_gain(np.array(min(lags)), sample_s))
     return PulseSensorModel(
         name=info.name,
         arm_m=arm,
