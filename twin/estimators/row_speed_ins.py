@@ -156,7 +156,7 @@ class RowSpeedIns:
                 place, unit = entry
                 values = unit.read(measurement)
                 readings[place], present[place] = values, measurement.valid & np.isfinite(values).all(axis=1)
-        return self._array.fuse(readings, present)
+        return self._array.fuse(readings, present, tick.steps)
 
     # --- out ---------------------------------------------------------------------------------------------------------
 
@@ -249,7 +249,7 @@ class RowSpeedIns:
             ),
             lag_switch_m_s=_LAG_SWITCH_M_S,
             step_s=self._step_s,
-            history=round(_HISTORY_S / self._step_s),
+            history=max(1, round(_HISTORY_S / self._step_s)),
             speed_sources=[name for aid in self._aids.values() for name in aid.speed_sources],
             recorder=self._recorder,
         )
