@@ -154,7 +154,7 @@ def test_standing_on_a_slope_keeps_its_velocity_of_zero(rpy: tuple[float, float,
 
 @pytest.mark.parametrize("pitch", [0.05, -0.05])
 def test_gravity_pulls_forward_with_the_nose_down(pitch: float) -> None:
-    """Pitch about the left axis is nose down if positive: free of longitudinal forces the machine gains g sin(pitch)."""
+    """Pitch about the left axis is nose down if positive: without a longitudinal force the machine gains g sin(pitch)."""
     strapdown = model()
     x, u = np.zeros((1, strapdown.size)), np.zeros((1, 6))
     x[0, PITCH] = pitch
@@ -276,7 +276,9 @@ def test_an_antenna_abroad_swings_with_the_turn() -> None:
 
 
 def test_a_lag_s_gain_is_one_without_a_lag() -> None:
-    np.testing.assert_allclose(lag_gain(np.array([0.0, 0.2, 0.7]), 0.02), [1.0, 1 - math.exp(-0.1), 1 - math.exp(-2 / 70)])
+    np.testing.assert_allclose(
+        lag_gain(np.array([0.0, 0.2, 0.7]), 0.02), [1.0, 1 - math.exp(-0.1), 1 - math.exp(-2 / 70)]
+    )
 
 
 def test_correlated_errors_keep_their_variance() -> None:
@@ -294,7 +296,7 @@ def test_correlated_errors_keep_their_variance() -> None:
 
 @pytest.mark.parametrize(("lag_s", "rate_hz"), [(0.2, 50.0), (0.2, 10.0), (0.0, 50.0), (0.0, 10.0), (0.05, 5.0)])
 def test_a_radar_s_output_is_as_noisy_as_its_own_samples_make_it(lag_s: float, rate_hz: float) -> None:
-    """White noise behind a lag of gain g per sample keeps g / (2 - g) of its variance, however often the filter steps."""
+    """White noise behind a lag of gain g a sample keeps g / (2 - g) of its variance, however often the filter steps."""
     sensor = radar_model(lags_s=(lag_s, lag_s), sample_s=1.0 / rate_hz, beam_slope=0.0)
     strapdown = model([sensor])
     at = sensor.at

@@ -38,9 +38,9 @@ def test_standing_is_seen_within_a_second_and_hardly_ever_missed() -> None:
 
 
 def test_a_smooth_start_is_seen_within_a_quarter_of_a_second() -> None:
-    """0.5 m/s^2 without any shaking, every speed still below what sensors show: the push is 0.5 (1 - e^{-t/0.15}), after
-    0.25 s 0.41 less 0.06 of the mean, against a limit of 4 sqrt(0.0714 + 0.005) 0.11 = 0.12 m/s^2 and 0.03 of noise:
-    seven sigma."""
+    """0.5 m/s^2 without any shaking, every speed still below what sensors show: the push is 0.5 (1 - e^{-t/0.15}),
+    after 0.25 s 0.41 less 0.06 of the mean, against a limit of 4 sqrt(0.0714 + 0.005) 0.11 = 0.12 m/s^2 and 0.03 of
+    noise: seven sigma."""
     runs, rng = 500, np.random.default_rng(2)
     cues = StandingCues(step_s=STEP_S, runs=runs)
     cues.speed("radar", 0, 1e9, slow=np.ones(runs, dtype=bool), known=np.ones(runs, dtype=bool))
@@ -64,7 +64,9 @@ def test_shaking_and_turning_speak_against_standing() -> None:
         assert not said.any()
 
 
-def speed(cues: StandingCues, sensor: str, index: int, slow: object, known: object = True, patience: float = 5.0) -> None:
+def speed(
+    cues: StandingCues, sensor: str, index: int, slow: object, *, known: object = True, patience: float = 5.0
+) -> None:
     cues.speed(sensor, index, patience, slow=np.atleast_1d(slow), known=np.atleast_1d(known))
 
 
@@ -95,9 +97,9 @@ def test_a_member_that_misses_a_sample_goes_on_with_what_it_heard_before() -> No
     rng = np.random.default_rng(6)
     cues, sample, nobody = calm(rng, 2), fused(noise(rng, 2)), np.zeros(2, dtype=bool)
     speed(cues, "radar", 100, [True, False])
-    speed(cues, "radar", 101, [False, False], [False, False])
+    speed(cues, "radar", 101, [False, False], known=[False, False])
     np.testing.assert_array_equal(cues.standing(101, sample, nobody), [True, False])
-    speed(cues, "radar", 104, [False, True], [False, True])
+    speed(cues, "radar", 104, [False, True], known=[False, True])
     np.testing.assert_array_equal(cues.standing(105, sample, nobody), [True, True])
     np.testing.assert_array_equal(cues.standing(106, sample, nobody), [False, True])
 
