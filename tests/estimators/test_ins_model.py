@@ -154,7 +154,7 @@ def test_standing_on_a_slope_keeps_its_velocity_of_zero(rpy: tuple[float, float,
 
 @pytest.mark.parametrize("pitch", [0.05, -0.05])
 def test_gravity_pulls_forward_with_the_nose_down(pitch: float) -> None:
-    """Pitch about the left axis is nose down if positive: without a longitudinal force the machine gains g sin(pitch)."""
+    """Pitch about the left axis is nose down if positive: without a longitudinal force it gains g sin(pitch)."""
     strapdown = model()
     x, u = np.zeros((1, strapdown.size)), np.zeros((1, 6))
     x[0, PITCH] = pitch
