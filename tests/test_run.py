@@ -19,7 +19,7 @@ from viz.fingerprint import fingerprint
 @pytest.fixture
 def scenario_file(tmp_path: Path) -> Path:
     sensors = {"radar": {"dropout_probability": 0.1, "latency_jitter_s": 0.03}, "gnss": {"latency_s": 0.1}}
-    return write_scenario(tmp_path, sensors=sensors)
+    return write_scenario(tmp_path, sensors=sensors, seeding={"spacing_m": 0.1, "drop_delay_s": 0.0})
 
 
 def test_two_processes_write_the_same_bytes_and_the_same_recording(scenario_file: Path, tmp_path: Path) -> None:
@@ -50,7 +50,12 @@ def test_replaying_a_run_folder_gives_its_estimates_bit_for_bit(scenario_file: P
     assert twin("run", scenario_file, "--no-rrd", cwd=tmp_path).returncode == 0
     folder = tmp_path / "runs" / "small" / "seed1_run0"
     recorded = read_recording(folder)
-    assert differing(recorded, replay(recorded)) == {}
+    replayed = replay(recorded)
+    assert differing(recorded, replayed) == {}
+    assert list(replayed.streams) == list(recorded.streams)
+    # 3 s at 0.5 m/s2 are 2.2 m or 22 seeds in each of eight rows, less what the radar lags behind.
+    assert 80 < len(recorded.streams["seeds/radar_only"]) < 180
+    _streams_equal(recorded, replayed, [f"seeds/{name}" for name in recorded.names("seeds")])
     result = twin("replay", folder, cwd=tmp_path)
     assert result.returncode == 0
     assert "replay equals the run bit for bit" in result.stdout

@@ -26,7 +26,8 @@ def scenario_file(tmp_path: Path) -> Path:
         "radar": {"dropout_probability": 0.1},
     }
     scoring = {"limits": {"row_speed": 0.05}}
-    return write_scenario(tmp_path, sensors=sensors, scoring=scoring, checks=[CHECK])
+    seeding = {"spacing_m": 0.05, "skip_probability": 0.1, "drop_spread_s": 0.01}
+    return write_scenario(tmp_path, sensors=sensors, scoring=scoring, seeding=seeding, checks=[CHECK])
 
 
 def _same(one: TaskResult, other: TaskResult) -> None:
@@ -40,6 +41,7 @@ def _same(one: TaskResult, other: TaskResult) -> None:
 def test_members_score_as_the_single_runs_do(scenario_file: Path) -> None:
     plan = make_plan(scenario_file, runs=4, worlds=1, settings=[], vary=[], seed=None)
     found = run_task(plan, 0, 0).metrics
+    assert np.ptp(found["radar_only.seeds.misses_percent"]) > 0.0
     for run in range(4):
         alone = score(execute(load(scenario_file), runs=(run,))).metrics
         for name, values in found.items():

@@ -18,6 +18,7 @@ from twin.recording import TRUTH, Recording, Stream, StreamWriter
 from twin.scenario import LoadedScenario, Scenario
 from twin.scoring.checks import require_known
 from twin.scoring.metrics import metric_names
+from twin.scoring.planting import seed_streams
 from twin.signals import NS_PER_S, Capture, Event, Need, nanoseconds
 from twin.world.simulation import World, build_world
 from twin.world.terrain import AnyTerrain, FileTerrain
@@ -113,7 +114,7 @@ def _execute(
             "bare_step_us": world.bare_step_us(),
         }
     truth = journey.truth_stream()
-    return [
+    recordings = [
         Recording(
             scenario_toml=loaded.toml,
             scenario_name=loaded.name,
@@ -128,6 +129,9 @@ def _execute(
         )
         for runs, members in zip(groups, everybody.groups, strict=True)
     ]
+    for recording in recordings:
+        recording.streams |= seed_streams(scenario, recording)
+    return recordings
 
 
 @contextmanager

@@ -77,3 +77,28 @@ class UniformStream(NormalStream):
 def draw_per_run(*, seed: int, runs: Sequence[int], name: str, size: int) -> FloatArray:
     """Standard normal numbers drawn once per run (turn-on biases, scale errors), shape (R, size)."""
     return np.stack([value_generator(seed, run, name).standard_normal(size) for run in runs])
+
+
+# --- numbers by count ------------------------------------------------------------------------------------------------
+# For events whose number differs from run to run: the n-th number of a process, without drawing those before it.
+
+CounterKeys = NDArray[np.uint64]
+
+
+def counter_keys(*, seed: int, runs: Sequence[int], name: str) -> CounterKeys:
+    """One key per run for :func:`counted_uniform`, shape (R,)."""
+    keys = [value_generator(seed, run, name).integers(0, 2**64, dtype=np.uint64) for run in runs]
+    return np.array(keys, dtype=np.uint64)
+
+
+def counted_uniform(keys: CounterKeys, count: NDArray[np.int64]) -> FloatArray:
+    """Uniform number in (0, 1) of each key and count, shape (N,); a pure function of the two.
+
+    SplitMix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"), entered at ``count``.
+    """
+    z = keys + (count.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    uniform: FloatArray = ((z >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+    return uniform

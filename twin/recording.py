@@ -1,8 +1,8 @@
 """Every stream of a run, columnar: what scoring, pictures and files read.
 
-A recording lives in memory first. Its streams are named ``truth``, ``measurements/<sensor>``, ``hidden/<sensor>``
-and ``estimates/<estimator>``; disk (one Parquet file per stream, one scalar per column) is the save format of an
-ordinary run, that is of one member.
+A recording lives in memory first. Its streams are named ``truth``, ``measurements/<sensor>``, ``hidden/<sensor>``,
+``estimates/<estimator>`` and ``seeds/<estimator>``; disk (one Parquet file per stream, one scalar per column) is the
+save format of an ordinary run, that is of one member.
 """
 
 from __future__ import annotations
@@ -38,6 +38,11 @@ def hidden_stream(sensor: str) -> str:
 def estimate_stream(estimator: str) -> str:
     """Name of the stream of what an estimator said."""
     return f"estimates/{estimator}"
+
+
+def seed_stream_name(estimator: str) -> str:
+    """Name of the stream of the seeds that an estimator's row speeds put in the ground (rows are seeds)."""
+    return f"seeds/{estimator}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,7 +210,7 @@ class Recording:
         return self.streams[TRUTH]
 
     def names(self, prefix: str) -> list[str]:
-        """Names below ``measurements``, ``hidden`` or ``estimates``, in the order of the scenario."""
+        """Names below ``measurements``, ``hidden``, ``estimates`` or ``seeds``, in the order of the scenario."""
         return [name.removeprefix(prefix + "/") for name in self.streams if name.startswith(prefix + "/")]
 
     def measurements(self, sensor: str) -> Stream:

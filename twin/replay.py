@@ -12,6 +12,7 @@ from twin.members import build_sensors
 from twin.recording import Recording, estimate_stream, measurement_stream
 from twin.scenario import loads
 from twin.scoring.comparison import compare_streams
+from twin.scoring.planting import seed_streams
 from twin.signals import nanoseconds
 
 
@@ -44,8 +45,8 @@ def replay(
     bank.advance(nanoseconds(recording.ended_t_s))
     bank.finish()
     wall_s = time.perf_counter() - started
-    kept = {name: stream for name, stream in recording.streams.items() if not name.startswith("estimates/")}
-    return dataclasses.replace(
+    kept = {name: stream for name, stream in recording.streams.items() if not name.startswith(("estimates/", "seeds/"))}
+    replayed = dataclasses.replace(
         recording,
         scenario_toml=toml,
         streams={**kept, **bank.streams()},
@@ -55,6 +56,8 @@ def replay(
             "real_time_factor": recording.ended_t_s / wall_s,
         },
     )
+    replayed.streams |= seed_streams(scenario, replayed)
+    return replayed
 
 
 def differing(first: Recording, second: Recording) -> dict[str, float]:

@@ -144,7 +144,12 @@ def _ended_t_s(result: dict[str, Any]) -> float:
 def _in_scenario_order(streams: dict[str, Stream], scenario: dict[str, Any]) -> dict[str, Stream]:
     """Put the streams in the order in which the scenario names sensors and estimators."""
     names = [TRUTH]
-    for prefix, section in (("measurements", "sensors"), ("hidden", "sensors"), ("estimates", "estimators")):
+    for prefix, section in (
+        ("measurements", "sensors"),
+        ("hidden", "sensors"),
+        ("estimates", "estimators"),
+        ("seeds", "estimators"),
+    ):
         names += [f"{prefix}/{name}" for name in scenario.get(section, {})]
     names += [name for name in streams if name not in names]
     return {name: streams[name] for name in names if name in streams}

@@ -180,7 +180,7 @@ def _score_block(
     columns = members.estimate_columns
     require_known(scenario, metric_names(scenario, truth.columns, columns), where=str(loaded.path))
     watcher.note_states({name: len(estimator.state_columns) for name, estimator in members.estimators.items()})
-    scorer = Scorer(scenario, truth.columns, columns, watch=watcher.take)
+    scorer = Scorer(scenario, truth.columns, columns, runs=runs, watch=watcher.take)
     rate_hz = max((config.rate_hz for config in scenario.estimators.values()), default=50.0)
     pause_ns = max(1, int(_ROWS_IN_A_PIECE / len(runs) / rate_hz)) * NS_PER_S
     for _ in tape.play(members, pause_ns=pause_ns):

@@ -193,6 +193,7 @@ def headline_metrics(loaded: LoadedScenario, names: list[str]) -> list[str]:
     phase = "_loss" if lossy else ""
     wanted = [f"row_speed.mean_abs_error{phase}_m_s", f"row_speed.max_abs_error{phase}_m_s"]
     wanted += [f"row_position.max_error{phase}_m", f"position.max_error{phase}_m"]
+    wanted += ["seeds.mean_abs_population_error_turns_percent", f"seeds.quality_of_feed{phase}_percent"]
     asked = {check.metric for check in loaded.scenario.checks} | set(loaded.scenario.published)
     return [
         name for name in names if name in asked or name.partition(".")[2] in wanted or name.endswith("time_to_limit_s")

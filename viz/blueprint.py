@@ -17,6 +17,7 @@ _LEGEND_WIDTH = 0.33
 _LEGEND_ENTRY = 0.14
 """Share of a plot's width that a legend takes, and of its height that one entry takes, in a window of 1600 x 900."""
 _SKY = (184, 205, 224)
+_SOIL = (58, 46, 36)
 
 
 def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
@@ -30,7 +31,9 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     ]
     logs = [_log_view(panel) for panel in by_kind[PanelKind.LOG]]
     plots = [_plot_view(panel, sheet, duration_ns) for panel in by_kind[PanelKind.PLOT]]
-    left = _column([_tabs([*field, *pages]), _tabs([*lanes, *logs])], shares=(3, 1))
+    maps = [_map_view(panel, sheet) for panel in by_kind[PanelKind.MAP]]
+    side_by_side = [rrb.Horizontal(*maps, name="Seeds in a turn")] if len(maps) > 1 else maps
+    left = _column([_tabs([*field, *side_by_side, *pages]), _tabs([*lanes, *logs])], shares=(3, 1))
     parts = [part for part in (left, _grid(plots)) if part is not None]
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[1.0, 1.0][: len(parts)]),
@@ -76,6 +79,16 @@ def _field_view(panel: Panel, sheet: Sheet) -> rrb.Spatial3DView:
             **{f"/{entity}": past for entity in sheet.past},
             **{f"/{entity}": rrb.EntityBehavior(visible=False) for entity in sheet.hidden},
         },
+    )
+
+
+def _map_view(panel: Panel, sheet: Sheet) -> rrb.Spatial2DView:
+    x_range, y_range = sheet.bounds[panel.origin]
+    return rrb.Spatial2DView(
+        origin=_root(panel),
+        name=panel.title,
+        background=_SOIL,
+        visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
     )
 
 
@@ -130,7 +143,7 @@ def _log_view(panel: Panel) -> rrb.TextLogView:
     )
 
 
-def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container | None:
+def _tabs(views: Sequence[rrb.View | rrb.Container]) -> rrb.View | rrb.Container | None:
     if len(views) < 2:
         return views[0] if views else None
     return rrb.Tabs(*views, active_tab=0)

@@ -40,5 +40,7 @@ def scene_of(recording: Recording) -> Scene:
         cell_m=terrain.cell_m,
         planned_path=path,
         row_count=len(machine.rows_y_m),
+        footprint_m=machine.footprint_m,
+        paved=scenario.soil.preset == "asphalt",
         segment_labels=driver.segment_names,
     )

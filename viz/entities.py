@@ -83,6 +83,16 @@ def covariance_ellipse(estimator: str) -> str:
     return f"{WORLD}/estimates/{estimator}/ellipse_95"
 
 
+def seeds(estimator: str) -> str:
+    """Seeds that an estimator's row speeds put in the ground."""
+    return f"{WORLD}/seeds/{estimator}"
+
+
+def seed_map(estimator: str) -> str:
+    """Map of the seeds in one turn."""
+    return f"seed_map/{estimator}"
+
+
 # --- plots -----------------------------------------------------------------------------------------------------------
 
 PLOTS = "plots"
@@ -148,6 +158,18 @@ QUALITY_COLOURS: dict[int, Colour] = {
     1: (225, 60, 60),
     0: (140, 140, 140),
 }
+EVEN_COLOUR: Colour = (232, 236, 215)
+DENSE_COLOUR: Colour = (40, 105, 255)
+SPARSE_COLOUR: Colour = (255, 130, 0)
+DOUBLE_COLOUR: Colour = (225, 50, 225)
+GAP_COLOUR: Colour = (225, 25, 25)
+SEED_LEGEND: tuple[tuple[str, Colour], ...] = (
+    ("25 % too many", DENSE_COLOUR),
+    ("as many as wanted", EVEN_COLOUR),
+    ("25 % too few", SPARSE_COLOUR),
+    ("double", DOUBLE_COLOUR),
+    ("behind a gap", GAP_COLOUR),
+)
 LEVEL_NAMES = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 

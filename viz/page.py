@@ -16,7 +16,7 @@ def page(recording: Recording, result: Mapping[str, Any]) -> str:
 
     It says nothing of wall time: two runs of one scenario give the same recording.
     """
-    parts = [*_heading(recording, result), *_checks(result), *_metrics(result)]
+    parts = [*_heading(recording, result), *_seeds(recording), *_checks(result), *_metrics(result)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -32,6 +32,19 @@ def _heading(recording: Recording, result: Mapping[str, Any]) -> Iterable[str]:
     for key in ("source", "notes"):
         if scenario.get(key):
             yield f"**{key.capitalize()}:** {scenario[key]}"
+
+
+def _seeds(recording: Recording) -> Iterable[str]:
+    """Say what the seeds' colours mean."""
+    shown = recording.names("seeds")
+    if not shown:
+        return
+    compared = f", maps of one turn compare them with those of `{shown[-1]}`" if len(shown) > 1 else ""
+    yield (
+        "**Seeds:** blue where there are too many, orange where there are too few (full colour: a quarter), pale where"
+        " they are as wanted; magenta: a double, red: the first seed behind a gap. On the field lie those that"
+        f" `{shown[0]}` metered{compared}."
+    )
 
 
 def _checks(result: Mapping[str, Any]) -> Iterable[str]:

@@ -28,6 +28,7 @@ _TITLES = {
 }
 _DRAWN = ("row_speed_m_s", "row_position_m", "position_m", "heading_deg")
 _SMALLEST_SHOWN = 1e-3
+_MOST_PLOTS = 10
 _STYLE: Any = {
     "axes.grid": True,
     "grid.alpha": 0.3,
@@ -120,20 +121,27 @@ def _envelopes(result: StressResult, point: Point) -> Figure | None:
 
 
 def _unit(metric: str) -> str:
-    for suffix, unit in (("_m_s", "m/s"), ("_rad_s", "rad/s"), ("_deg", "deg"), ("_m", "m"), ("_s", "s")):
+    for suffix, unit in (
+        ("_m_s", "m/s"),
+        ("_rad_s", "rad/s"),
+        ("_deg", "deg"),
+        ("_m", "m"),
+        ("_s", "s"),
+        ("_percent", "%"),
+    ):
         if metric.endswith(suffix):
             return unit
     return ""
 
 
 def _in_words(metric: str) -> str:
-    words = re.sub(r"_(m_s|rad_s|deg|m|s)\Z", "", metric).replace("_", " ").replace(".", ": ")
+    words = re.sub(r"_(m_s|rad_s|deg|m|s|percent)\Z", "", metric).replace("_", " ").replace(".", ": ")
     return f"{words} [{_unit(metric)}]"
 
 
 def _distributions(result: StressResult, point: Point) -> Figure | None:
     shown = [name for name in headline_metrics(result.loaded, list(point.table)) if "consistency" not in name]
-    metrics = list(dict.fromkeys(name.partition(".")[2] for name in shown))[:6]
+    metrics = list(dict.fromkeys(name.partition(".")[2] for name in shown))[:_MOST_PLOTS]
     if not metrics:
         return None
     colours = _colours(shown)
@@ -160,7 +168,7 @@ def _distributions(result: StressResult, point: Point) -> Figure | None:
 def _trends(result: StressResult) -> Figure | None:
     first = result.points[0]
     shown = [name for name in headline_metrics(result.loaded, list(first.table)) if "time_to" not in name]
-    metrics = list(dict.fromkeys(name.partition(".")[2] for name in shown))[:6]
+    metrics = list(dict.fromkeys(name.partition(".")[2] for name in shown))[:_MOST_PLOTS]
     if not metrics:
         return None
     colours = _colours(shown)

@@ -9,6 +9,8 @@ import numpy as np
 
 from twin.signals import FloatArray
 
+_BEYOND_M = 1.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
@@ -26,6 +28,11 @@ class Scene:
     """(N, 2) east and north of the path the driver was asked to follow, m; may be empty."""
     row_count: int = 0
     """Number of row units; the first and the last are drawn and plotted. 0: the machine has none."""
+    footprint_m: tuple[tuple[float, float], tuple[float, float]] = ((-4.6, -2.6), (2.8, 2.6))
+    """Back right and front left corner of the machine, forward and left of its root link: how far off a camera stands;
+    by default a tractor with a planter's."""
+    paved: bool = False
+    """The ground is asphalt, not soil: for its colour."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 
@@ -34,6 +41,12 @@ class Scene:
             raise ValueError(f"heights: expected at least 2 x 2 values, got shape {self.heights.shape}")
         if not self.cell_m > 0.0:
             raise ValueError(f"cell_m: expected a positive number, got {self.cell_m}")
+
+    @property
+    def machine_size_m(self) -> float:
+        """Diagonal of the machine's footprint, with a metre all round for tyres and bodywork."""
+        (back, right), (front, left) = self.footprint_m
+        return float(np.hypot(front - back + 2.0 * _BEYOND_M, left - right + 2.0 * _BEYOND_M))
 
     @property
     def outer_rows(self) -> tuple[int, ...]:

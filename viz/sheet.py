@@ -19,6 +19,7 @@ class PanelKind(Enum):
     """What a panel shows; the layout gives each kind its place."""
 
     FIELD = auto()
+    MAP = auto()
     PLOT = auto()
     LANES = auto()
     LOG = auto()
@@ -111,6 +112,8 @@ class Sheet:
         self.hidden: list[str] = []
         self.curves: dict[str, list[Curve]] = {}
         """What each plot holds, for its range and for a legend that covers little."""
+        self.bounds: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
+        """What a map shows at first: range to the right and range downwards, by its origin."""
         self.follow: str | None = None
         """Entity that the camera follows."""
         self.eye: tuple[FloatArray, FloatArray] | None = None

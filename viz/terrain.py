@@ -26,9 +26,9 @@ GRID_M = 10.0
 _EXAGGERATION = 5.0
 _SUN = np.array([-0.55, 0.45, 0.70])
 _TILE = 256
-_DRY = np.array([150.0, 122.0, 84.0])
-_DAMP = np.array([112.0, 88.0, 60.0])
-_GRASS = np.array([104.0, 122.0, 58.0])
+_SOIL = (np.array([112.0, 88.0, 60.0]), np.array([150.0, 122.0, 84.0]), np.array([104.0, 122.0, 58.0]))
+_ASPHALT = (np.array([92.0, 93.0, 96.0]), np.array([116.0, 117.0, 119.0]), np.array([100.0, 101.0, 104.0]))
+"""Colours of what lies low (damp), of what lies high (dry), and of what grows, or has been mended, in patches."""
 
 Image = NDArray[np.uint8]
 
@@ -141,7 +141,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 def _texture(scene: Scene, window: Window) -> Image:
-    """Paint the soil: colour by height and slope, relief, and mottling finer than the height array."""
+    """Paint the ground: colour by height and slope, relief, and mottling finer than the height array."""
     rows, columns = _every(window.rows, window.columns, MAX_TEXELS)
     heights = scene.heights[np.ix_(rows, columns)].astype(np.float32)
     east, north = _places(scene, rows, columns)
@@ -156,10 +156,11 @@ def _texture(scene: Scene, window: Window) -> Image:
     dry = np.clip((heights - low) / max(high - low, 0.2), 0.0, 1.0)
     green = np.clip(0.35 + 0.8 * mottle + refined(2.0 * np.hypot(slope_e, slope_n)), 0.0, 1.0)
     shade = refined(_relief(slope_e, slope_n)) * (1.0 + 0.3 * mottle)
+    low_colour, high_colour, patches = _ASPHALT if scene.paved else _SOIL
     image = np.empty((*mottle.shape, 3), dtype=np.uint8)
     for channel in range(3):
-        soil = refined(_DAMP[channel] + (_DRY[channel] - _DAMP[channel]) * dry)
-        soil += (_GRASS[channel] - soil) * (0.55 * green)
+        soil = refined(low_colour[channel] + (high_colour[channel] - low_colour[channel]) * dry)
+        soil += (patches[channel] - soil) * (0.55 * green)
         image[..., channel] = np.clip(soil * shade, 0.0, 255.0)
     return image
 

@@ -5,13 +5,15 @@
 Lengths in m, masses in kg. Frames: x forward, y left, z up; the root's origin is the middle of the rear axle.
 """
 
-# ruff: noqa: D101, D102, D103, PLR0917 (a drawing: names and coordinates)
+# ruff: noqa: D103, PLR0917 (a drawing: names and coordinates)
 from __future__ import annotations
 
 import math
-import struct
 from itertools import pairwise
 from pathlib import Path
+
+import drawing
+from drawing import Builder, block, box, frustum, lugs, prism, revolve, rim_mesh, rod, tyre_profile, wheel_visuals
 
 HERE = Path(__file__).resolve().parent
 
@@ -30,159 +32,8 @@ ROWS_Y = [0.75 * (3.5 - row) for row in range(8)]
 PLANTER_WHEELS_Y = (2.25, 0.75, -0.75, -2.25)
 
 
-def numbers(*values: float) -> str:
-    return " ".join(f"{value:.6g}" for value in values)
-
-
-# --- meshes ----------------------------------------------------------------------------------------------------------
-
-
-def write_stl(path: Path, triangles: list[tuple[tuple[float, ...], ...]]) -> None:
-    """Binary STL with facet normals."""
-    with path.open("wb") as file:
-        file.write(path.stem.encode().ljust(80, b" ") + struct.pack("<I", len(triangles)))
-        for a, b, c in triangles:
-            u = [b[k] - a[k] for k in range(3)]
-            v = [c[k] - a[k] for k in range(3)]
-            n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-            size = math.sqrt(sum(x * x for x in n)) or 1.0
-            file.write(struct.pack("<12fH", *(x / size for x in n), *a, *b, *c, 0))
-
-
-def revolve(profile: list[tuple[float, float]], segments: int) -> list:
-    """Surface of revolution about y of a closed (radius, y) profile, given counter-clockwise seen from +phi."""
-
-    def point(radius: float, y: float, step: int) -> tuple[float, float, float]:
-        angle = 2.0 * math.pi * step / segments
-        return radius * math.cos(angle), y, radius * math.sin(angle)
-
-    triangles = []
-    for (r0, y0), (r1, y1) in zip(profile, profile[1:] + profile[:1], strict=True):
-        for step in range(segments):
-            a, b = point(r0, y0, step), point(r1, y1, step)
-            c, d = point(r1, y1, step + 1), point(r0, y0, step + 1)
-            if r0 > 0.0:
-                triangles.append((a, c, d))
-            if r1 > 0.0:
-                triangles.append((a, b, c))
-    return triangles
-
-
-def block(corners: list[tuple[float, float, float]]) -> list:
-    """Hexahedron: four corners of the base, then the four above them."""
-    a, b, c, d, e, f, g, h = corners
-    quads = [(d, c, b, a), (e, f, g, h), (a, b, f, e), (b, c, g, f), (c, d, h, g), (d, a, e, h)]
-    return [t for p, q, r, s in quads for t in ((p, q, r), (p, r, s))]
-
-
-def lugs(radius: float, width: float, count: int, height: float) -> list:
-    """Chevron bars of a traction tyre."""
-    triangles = []
-    for side in (-1.0, 1.0):
-        for index in range(count):
-            start = 2.0 * math.pi * (index + (0.5 if side > 0 else 0.0)) / count
-            sweep, thick = 0.62 * 2.0 * math.pi / count * 1.6, 0.30 * 2.0 * math.pi / count
-
-            def at(angle: float, r: float, y: float) -> tuple[float, float, float]:
-                return r * math.cos(angle), y, r * math.sin(angle)
-
-            inner, outer = 0.01 * side, 0.50 * width * side
-            low, high = radius - 2.2 * height, radius
-            base = [
-                at(start, low, inner),
-                at(start + thick, low, inner),
-                at(start + thick + sweep, low - height, outer),
-                at(start + sweep, low - height, outer),
-            ]
-            top = [
-                at(start, high, inner),
-                at(start + thick, high, inner),
-                at(start + thick + sweep, high - 0.6 * height, outer),
-                at(start + sweep, high - 0.6 * height, outer),
-            ]
-            triangles += block(base + top if side > 0 else [*base[::-1], *top[::-1]])
-    return triangles
-
-
-def tyre_profile(radius: float, width: float, rim: float) -> list[tuple[float, float]]:
-    half = 0.5 * width
-    return [
-        (rim, -0.72 * half),
-        (0.5 * (rim + radius), -half),
-        (0.93 * radius, -0.92 * half),
-        (radius, -0.55 * half),
-        (radius, 0.55 * half),
-        (0.93 * radius, 0.92 * half),
-        (0.5 * (rim + radius), half),
-        (rim, 0.72 * half),
-    ]
-
-
-def rim_mesh(rim: float, width: float, spokes: int, outward: float) -> list:
-    """Dish with holes between spokes, so that the turning shows."""
-    half = 0.5 * width
-    triangles = revolve(
-        [(0.90 * rim, -0.72 * half), (1.01 * rim, -0.74 * half), (1.01 * rim, 0.74 * half), (0.90 * rim, 0.72 * half)],
-        36,
-    )
-    y0, y1 = 0.10 * half * outward, 0.34 * half * outward
-    low, high = min(y0, y1), max(y0, y1)
-    triangles += revolve(
-        [
-            (0.0, low - 0.10 * half),
-            (0.34 * rim, low - 0.10 * half),
-            (0.34 * rim, high + 0.12 * half),
-            (0.0, high + 0.12 * half),
-        ],
-        24,
-    )
-    for index in range(spokes):
-        angle = 2.0 * math.pi * index / spokes
-        wide_in, wide_out = 0.60 * math.pi / spokes, 0.42 * math.pi / spokes
-
-        def at(turn: float, r: float, y: float, angle: float = angle) -> tuple[float, float, float]:
-            return r * math.cos(angle + turn), y, r * math.sin(angle + turn)
-
-        corners = [
-            at(-wide_in, 0.30 * rim, low),
-            at(-wide_out, 0.93 * rim, low),
-            at(wide_out, 0.93 * rim, low),
-            at(wide_in, 0.30 * rim, low),
-        ]
-        above = [
-            at(-wide_in, 0.30 * rim, high),
-            at(-wide_out, 0.93 * rim, high),
-            at(wide_out, 0.93 * rim, high),
-            at(wide_in, 0.30 * rim, high),
-        ]
-        triangles += block(corners + above)
-    return triangles
-
-
-def prism(outline: list[tuple[float, float]], y0: float, y1: float, taper: float = 1.0) -> list:
-    """Extrude a convex (x, z) outline, given counter-clockwise seen from -y, along y."""
-    left = [(x, y0, z) for x, z in outline]
-    right = [(x, y1, z) for x, z in outline]
-    if taper != 1.0:
-        raise ValueError("not tapered")
-    triangles = []
-    for i in range(1, len(outline) - 1):
-        triangles.append((left[0], left[i], left[i + 1]))
-        triangles.append((right[0], right[i + 1], right[i]))
-    for i in range(len(outline)):
-        j = (i + 1) % len(outline)
-        triangles += [(left[i], right[i], right[j]), (left[i], right[j], left[j])]
-    return triangles
-
-
-def frustum(bottom: tuple[float, float], top: tuple[float, float], z0: float, z1: float, x0: float = 0.0) -> list:
-    """Four-sided funnel: half sizes (x, y) at the bottom and at the top."""
-
-    def ring(half: tuple[float, float], z: float) -> list[tuple[float, float, float]]:
-        hx, hy = half
-        return [(x0 - hx, -hy, z), (x0 + hx, -hy, z), (x0 + hx, hy, z), (x0 - hx, hy, z)]
-
-    return block(ring(bottom, z0) + ring(top, z1))
+def mesh(colour: str, name: str, xyz: tuple = (0, 0, 0)) -> str:
+    return drawing.mesh(colour, f"planter_f8/{name}", xyz)
 
 
 def meshes() -> dict[str, list]:
@@ -222,53 +73,6 @@ def meshes() -> dict[str, list]:
 
 
 # --- URDF ------------------------------------------------------------------------------------------------------------
-
-
-class Builder:
-    def __init__(self) -> None:
-        self.lines = [
-            '<?xml version="1.0"?>',
-            "<!-- Written by build_planter_f8.py: change the figures there. -->",
-            '<robot name="planter_f8">',
-        ]
-        for name, rgb in COLOURS.items():
-            self.lines.append(f'  <material name="{name}"><color rgba="{numbers(*rgb)} 1"/></material>')
-
-    def link(self, name: str, mass: float, com: tuple, inertia: tuple, visuals: list[str]) -> None:
-        ixx, iyy, izz = inertia
-        self.lines += [
-            f'  <link name="{name}">',
-            f'    <inertial><origin xyz="{numbers(*com)}"/><mass value="{mass:g}"/>',
-            f'      <inertia ixx="{ixx:g}" iyy="{iyy:g}" izz="{izz:g}" ixy="0" ixz="0" iyz="0"/></inertial>',
-            *visuals, "  </link>",
-        ]  # fmt: skip
-
-    def joint(self, name: str, parent: str, child: str, xyz: tuple, axis: tuple, limit: float | None = None) -> None:
-        kind = "continuous" if limit is None else "revolute"
-        bounds = "" if limit is None else f'<limit lower="{-limit:g}" upper="{limit:g}" effort="1e6" velocity="100"/>'
-        self.lines.append(
-            f'  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{numbers(*xyz)}"/><axis xyz="{numbers(*axis)}"/>{bounds}</joint>'
-        )
-
-
-def shape(colour: str, geometry: str, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0)) -> str:
-    return (
-        f'    <visual><origin xyz="{numbers(*xyz)}" rpy="{numbers(*rpy)}"/><geometry>{geometry}</geometry>'
-        f'<material name="{colour}"/></visual>'
-    )
-
-
-def box(colour: str, size: tuple, xyz: tuple, rpy: tuple = (0, 0, 0)) -> str:
-    return shape(colour, f'<box size="{numbers(*size)}"/>', xyz, rpy)
-
-
-def rod(colour: str, radius: float, length: float, xyz: tuple, rpy: tuple = (0, 0, 0)) -> str:
-    return shape(colour, f'<cylinder radius="{radius:g}" length="{length:g}"/>', xyz, rpy)
-
-
-def mesh(colour: str, name: str, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0)) -> str:
-    return shape(colour, f'<mesh filename="planter_f8/{name}.stl"/>', xyz, rpy)
 
 
 def tractor_visuals() -> list[str]:
@@ -344,23 +148,12 @@ def wheel(
     build: Builder, name: str, parent: str, xyz: tuple, kind: str, mass: float, inertia: tuple, side: float
 ) -> None:
     rim = "planter_rim" if kind == "planter" else "rim"
-    turn = (0, 0, 0) if side > 0 else (0, 0, math.pi)
-    build.link(
-        f"{name}_hub",
-        mass,
-        (0, 0, 0),
-        inertia,
-        [mesh("tyre", f"{kind}_tyre", (0, 0, 0), turn), mesh(rim, f"{kind}_rim", (0, 0, 0), turn)],
-    )
+    build.link(f"{name}_hub", mass, (0, 0, 0), inertia, wheel_visuals("planter_f8", f"{kind}_", rim, side))
     build.joint(name, parent, f"{name}_hub", xyz, (0, 1, 0))
 
 
 def main() -> None:
-    folder = HERE / "planter_f8"
-    folder.mkdir(exist_ok=True)
-    for name, triangles in meshes().items():
-        write_stl(folder / f"{name}.stl", triangles)
-    build = Builder()
+    build = Builder("planter_f8", COLOURS)
     # 6700 kg in all: chassis 5440 + front axle 200 + front wheels 2 x 180 + rear wheels 2 x 350. The chassis' centre of
     # mass puts 40 % on the front axle: x = (0.4 x 6700 x 2.79 - 560 x 2.79) / 5440 = 1.087 m.
     build.link("tractor", 5440, (1.087, 0, 0.25), (1900, 7000, 6600), tractor_visuals())
@@ -393,7 +186,7 @@ def main() -> None:
     planter_z = PLANTER[0] - 0.031 - 0.5
     for number, y in enumerate(PLANTER_WHEELS_Y, start=1):
         wheel(build, f"planter_wheel_{number}", "planter", (-3.0, y, planter_z), "planter", 80, (6, 10, 6), 1.0)
-    (HERE / "planter_f8.urdf").write_text("\n".join([*build.lines, "</robot>", ""]))
+    build.write(HERE, meshes())
 
 
 if __name__ == "__main__":

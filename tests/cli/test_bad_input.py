@@ -23,6 +23,14 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "rate that does not divide": ({"sensors": {"radar": {"rate_hz": 30.0}}}, "sensors.radar: rate_hz = 30"),
     "step of broken nanoseconds": ({"world": {"physics_hz": 300.0}}, "world.physics_hz: "),
     "unknown kind": ({"terrain": {"kind": "mars"}}, "terrain: unknown kind 'mars'"),
+    "unknown machine": (
+        {"machine": {"kind": "prototype"}},
+        "machine: unknown kind 'prototype'; did you mean 'prototype_car'? (there are planter_f8, prototype_car",
+    ),
+    "key of another machine": (
+        {"machine": {"kind": "prototype_car", "draught_n": 1.0}},
+        "machine.draught_n: unknown key",
+    ),
     "unknown preset": ({"sensors": {"radar": {"preset": "radar_98ppm"}}}, "did you mean 'radar_99ppm'"),
     "preset that is a path": ({"sensors": {"radar": {"preset": "../../etc/passwd"}}}, "not a path"),
     "sensor with neither preset nor kind": ({"sensors": {"extra": {"mount": "radar"}}}, "sensors.extra: needs a kind"),
@@ -47,6 +55,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "fault window backwards": (
         {"sensors": {"radar": {"faults": [{"kind": "outage", "from_s": 3.0, "to_s": 2.0}]}}},
         "sensors.radar.faults.0",
+    ),
+    "seeding without a spacing": ({"seeding": {"drop_delay_s": 0.1}}, "seeding.spacing_m: missing"),
+    "seeds no further apart than they are wide": ({"seeding": {"spacing_m": 0.0}}, "seeding.spacing_m: given 0.0"),
+    "more skips and doubles than cells": (
+        {"seeding": {"spacing_m": 0.16, "skip_probability": 0.6, "double_probability": 0.6}},
+        "seeding: skip_probability + double_probability: more than 1",
     ),
     "terrain file elsewhere": ({"terrain": {"kind": "file", "path": "../heights.npy"}}, "not a path"),
     "extends a path": ({"extends": "../small"}, "extends"),

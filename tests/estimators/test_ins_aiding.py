@@ -155,8 +155,8 @@ def test_members_are_read_apart() -> None:
 def pulse_aid(*, zero_is_speed: bool = False) -> PulseAid:
     info = sensors()["radar"]
     setup = make_setup({"radar": info})
-    model = replace(pulse_model(info, setup), at=CORE_STATES)
-    seen = pulse_observation(info, model, size=SIZE, correlation_s=2.0)
+    model = replace(pulse_model(info, setup, accosat_correlation_s=3.0), at=CORE_STATES)
+    seen = pulse_observation(model, size=SIZE)
     return PulseAid(info, model, seen, setup, zero_is_speed=zero_is_speed)
 
 
@@ -179,22 +179,20 @@ def test_a_radar_s_data_sheet_tells_the_noise_behind_its_faster_lag(up_s: float,
     output = 0.05 * math.sqrt(gain / (2.0 - gain))
     sheet = {"speed_noise_m_s": output, "lag_speeding_up_s": up_s, "lag_braking_s": down_s}
     info = replace(sensors()["radar"], datasheet={**sheet, "mounting_angle_rad": math.radians(35.0)})
-    model = pulse_model(info, make_setup({"radar": info}))
+    model = pulse_model(info, make_setup({"radar": info}), accosat_correlation_s=3.0)
     assert model.speed_noise_m_s == pytest.approx(0.05)
     assert model.lags_s == (up_s, down_s)
     assert model.beam_slope == pytest.approx(math.tan(math.radians(35.0)))
     assert model.arm_m == (0.2, 0.0, 0.6)
 
 
-def test_an_accosat_is_a_speed_without_lag_whose_slow_error_weighs_as_white_noise_of_its_density() -> None:
-    """Correlated over 2 s, sampled at 25 Hz: 2 x 2 s x 25 Hz = 100 samples say as much as one."""
+def test_an_accosat_is_a_speed_without_lag_and_with_twice_its_data_sheet_s_error_slowly_changing() -> None:
     info = replace(accosat_info(), datasheet={"speed_noise_m_s": 0.03})
     setup = make_setup({"accosat": info})
-    model = pulse_model(info, setup)
-    assert (model.lags_s, model.beam_slope, model.speed_noise_m_s) == ((0.0, 0.0), 0.0, 0.0)
-    seen = pulse_observation(info, model, size=SIZE, correlation_s=2.0)
-    np.testing.assert_allclose(seen.R, 100.0 * 0.03**2, rtol=1e-3)
-    one = PulseAid(info, model, seen, setup, zero_is_speed=False)
+    model = pulse_model(info, setup, accosat_correlation_s=3.0)
+    assert (model.lags_s, model.beam_slope) == ((0.0, 0.0), 0.0)
+    assert model.slow_error == pytest.approx((0.06, 3.0))
+    one = PulseAid(info, model, pulse_observation(model, size=SIZE), setup, zero_is_speed=False)
     (told,) = one.read(accosat(T_NS, 1.5))
     assert told.z[0, 0] == 1.5
     assert told.speed_source

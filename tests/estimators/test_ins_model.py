@@ -70,7 +70,14 @@ def everything(runs: int = RUNS) -> Strapdown:
     """A lagging radar, an AccoSat without lag, a receiver with and one without a velocity lag, on odd mounts."""
     pulses = [
         radar_model(arm_m=(0.6, 0.4, 0.3)),
-        radar_model("accosat", arm_m=(-0.5, 1.0, 0.2), beam_slope=0.0, lags_s=(0.0, 0.0), at=CORE_STATES + 2),
+        radar_model(
+            "accosat",
+            arm_m=(-0.5, 1.0, 0.2),
+            beam_slope=0.0,
+            lags_s=(0.0, 0.0),
+            slow_error=(0.06, 3.0),
+            at=CORE_STATES + 2,
+        ),
     ]
     receivers = [
         ReceiverModel(name=name, arm_m=(0.4, -0.7, 2.0), velocity_lag_s=lag_s, correlation_s=200.0, at=CORE_STATES + at)
@@ -279,6 +286,20 @@ def test_a_lag_s_gain_is_one_without_a_lag() -> None:
     np.testing.assert_allclose(
         lag_gain(np.array([0.0, 0.2, 0.7]), 0.02), [1.0, 1 - math.exp(-0.1), 1 - math.exp(-2 / 70)]
     )
+
+
+def test_an_accosat_s_error_is_added_and_dies_away() -> None:
+    """0.1 m/s too fast at 2 m/s; after 3 s a third (1/e) of it is left."""
+    sensor = radar_model("accosat", beam_slope=0.0, lags_s=(0.0, 0.0), slow_error=(0.06, 3.0))
+    strapdown = model([sensor])
+    x = np.zeros((1, strapdown.size))
+    x[0, [VX, sensor.at + 1]] = 2.0, 0.1
+    assert doppler(sensor, x, np.zeros((1, 3)))[0] == pytest.approx(2.1)
+    for _ in range(150):
+        x = strapdown.linearise(x, np.array([[0.0, 0.0, G, 0.0, 0.0, 0.0]]), STEP_S)[0]
+    assert x[0, sensor.at + 1] == pytest.approx(0.1 / math.e)
+    assert x[0, sensor.at] == pytest.approx(2.0 + 0.1 / math.e, abs=1e-3)
+    assert strapdown.Q(STEP_S)[0, sensor.at + 1, sensor.at + 1] == pytest.approx(0.06**2 * (1 - math.exp(-0.04 / 3.0)))
 
 
 def test_correlated_errors_keep_their_variance() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from twin.signals import NS_PER_S
 from viz import entities
 from viz.blueprint import emptiest_corner
 from viz.layers.estimates import ellipse_axes
-from viz.layers.machine import joint_transform
+from viz.layers.machine import _seen_from_behind, joint_transform
 from viz.layers.plots import true_values
 from viz.layers.states import segment_labels
 from viz.legible import legible
@@ -24,7 +25,7 @@ from viz.terrain import MAX_TEXELS, Window, grid_lines, terrain_mesh, window_aro
 from viz.thinning import changes, spaced, steps, thin
 
 
-def plane_scene(slope_e: float = 0.1, slope_n: float = -0.05) -> Scene:
+def plane_scene(slope_e: float = 0.1, slope_n: float = -0.05, **keys: Any) -> Scene:
     e, n = np.meshgrid(np.arange(201) * 0.5 - 30.0, np.arange(161) * 0.5 - 20.0)
     return Scene(
         urdf=None,
@@ -32,7 +33,39 @@ def plane_scene(slope_e: float = 0.1, slope_n: float = -0.05) -> Scene:
         origin_m=(-30.0, -20.0),
         cell_m=0.5,
         planned_path=np.empty((0, 2)),
+        **keys,
     )
+
+
+PLANTER, CAR = ((-4.6, -2.625), (2.79, 2.625)), ((0.0, -1.2), (2.65, 1.2))
+
+
+@pytest.mark.parametrize("footprint", [PLANTER, CAR], ids=["planter", "car"])
+def test_a_camera_sees_all_of_a_machine_and_little_else(footprint: Any) -> None:
+    # The field's view is about as wide as high and some 55 degrees across: all corners, a metre beyond the wheels, lie
+    # within half of that of its middle, and the machine fills at least a third of it.
+    run = Run(recording=make_recording(1.0), scene=plane_scene(footprint_m=footprint), result={})
+    eye, target = _seen_from_behind(run, np.array([5.0, 3.0, 0.8]), np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)]))
+    look = (target - eye) / np.linalg.norm(target - eye)
+    (back, right), (front, left) = footprint
+    turn = np.array([[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]])
+    angles = []
+    for x in (back - 1.0, front + 1.0):
+        for y in (right - 0.5, left + 0.5):
+            corner = np.array([*(turn @ (x, y) + (5.0, 3.0)), 0.8]) - eye
+            angles.append(np.degrees(np.arccos(corner @ look / np.linalg.norm(corner))))
+    assert max(angles) < 27.5
+    assert max(angles) > 27.5 / 3.0
+
+
+def test_asphalt_is_grey_and_soil_is_not() -> None:
+    colours = {}
+    for paved in (True, False):
+        scene = plane_scene(paved=paved)
+        texture = terrain_mesh(scene, Window(rows=(0, 161), columns=(0, 201))).texture.astype(float)
+        colours[paved] = texture.reshape(-1, 3).mean(axis=0)
+    assert np.ptp(colours[True]) < 10.0
+    assert np.ptp(colours[False]) > 30.0
 
 
 def test_height_is_bilinear_exact_on_a_plane_and_held_at_the_edge() -> None:

@@ -8,12 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 
+from twin.world.machine import MachineBaseConfig
 from twin.world.planter_f8 import PlanterF8Config
+from twin.world.prototype_car import PrototypeCarConfig
 from twin.world.simulation import World, build_world
 from twin.world.soil import SoilConfig
 from twin.world.terrain import FlatTerrain, SlopeTerrain
 
 WorldMaker = Callable[..., World]
+
+MACHINES: dict[str, type[MachineBaseConfig]] = {"planter_f8": PlanterF8Config, "prototype_car": PrototypeCarConfig}
+"""Machines by kind, for tests of what holds for every one."""
+
+every_machine = pytest.mark.parametrize("kind", list(MACHINES))
+
+
+def no_tools(kind: str) -> dict[str, Any]:
+    """Keys of a machine whose tools, if it has any, are out of the soil."""
+    return {"draught_n": 0.0} if kind == "planter_f8" else {}
 
 
 @pytest.fixture
@@ -21,12 +33,12 @@ def make_world() -> Iterator[WorldMaker]:
     """Build worlds that are closed afterwards: terrain, soil and machine keys as keyword arguments."""
     worlds: list[World] = []
 
-    def make(terrain: Any = None, *, soil: str = "tilled", soil_keys: Any = None, dt_ns: int = 2_000_000,
-             seed: int = 1, **machine: Any) -> World:  # fmt: skip
+    def make(terrain: Any = None, *, kind: str = "planter_f8", soil: str = "tilled", soil_keys: Any = None,
+             dt_ns: int = 2_000_000, seed: int = 1, **machine: Any) -> World:  # fmt: skip
         world = build_world(
             terrain or FlatTerrain(kind="flat", cell_m=1.0, size_m=(600.0, 600.0)),
             SoilConfig(preset=soil, **(soil_keys or {})),
-            PlanterF8Config(kind="planter_f8", **machine),
+            MACHINES[kind](kind=kind, **machine),
             seed=seed,
             dt_ns=dt_ns,
         )

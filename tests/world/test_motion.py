@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.world.conftest import WorldMaker, column, record, slope
+from tests.world.conftest import MACHINES, WorldMaker, column, every_machine, no_tools, record, slope
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.signals import Command, MotionNeed
 from twin.world import tyres
-from twin.world.planter_f8 import AXLE_X_M, HITCH_BEHIND_AXLE_M, WHEELBASE_M, WHEELS, PlanterF8Config
+from twin.world.planter_f8 import AXLE_X_M, HITCH_BEHIND_AXLE_M, PlanterF8Config
 from twin.world.simulation import World
 from twin.world.soil import SoilConfig
 from twin.world.statics import static_loads
@@ -45,10 +45,11 @@ def test_coasting_never_gains_energy(make_world: WorldMaker) -> None:
     assert energies[-1] < 0.5 * start
 
 
+@every_machine
 @pytest.mark.parametrize("rough", [False, True], ids=["flat", "class C"])
-def test_coasting_without_resistance_gains_no_energy(make_world: WorldMaker, rough: bool) -> None:
+def test_coasting_without_resistance_gains_no_energy(make_world: WorldMaker, kind: str, rough: bool) -> None:
     ground = RoughTerrain(kind="rough", iso8608_class="C", size_m=(90.0, 90.0)) if rough else None
-    world = make_world(ground, soil_keys={"rolling_resistance": 0.0}, draught_n=0.0)
+    world = make_world(ground, kind=kind, soil_keys={"rolling_resistance": 0.0}, **no_tools(kind))
     rest = world.energy_j()
     drive(world, 3.0, seconds=5.0 if rough else 10.0)
     world.engage(False)
@@ -82,11 +83,13 @@ def test_coasting_without_resistance_gains_no_energy(make_world: WorldMaker, rou
 
 
 def _loads(world: World) -> np.ndarray:
-    return static_loads(world._body.urdf, [wheel.joint for wheel in WHEELS])
+    machine = world.machine
+    return static_loads(world._body.urdf, [w.joint for w in machine.wheels], [s.joint for s in machine.springs])
 
 
-def test_a_braked_machine_stands_still_on_a_slope(make_world: WorldMaker) -> None:
-    world = make_world(slope(10.0))
+@every_machine
+def test_a_braked_machine_stands_still_on_a_slope(make_world: WorldMaker, kind: str) -> None:
+    world = make_world(slope(10.0), kind=kind)
     world.command(Command(brake=True))
     world.advance(10 * PER_S)
     start = world.truth()[:3]
@@ -95,13 +98,14 @@ def test_a_braked_machine_stands_still_on_a_slope(make_world: WorldMaker) -> Non
     assert math.sqrt(np.mean(np.sum(speeds**2, axis=1))) <= 0.1e-3
 
 
+@every_machine
 @pytest.mark.parametrize(("percent", "rolls"), [(10.0, True), (7.5, True), (5.5, False), (3.0, False)])
 def test_an_unbraked_machine_rolls_unless_rolling_resistance_exceeds_the_slope(
-    make_world: WorldMaker, percent: float, rolls: bool
+    make_world: WorldMaker, kind: str, percent: float, rolls: bool
 ) -> None:
     # Tilled soil: rho = 1/40 + 0.04 = 6.5 %. On 7.5 % the excess, 1 % of g, moves a machine with 10 % of its mass more
     # in its turning wheels 0.5 x 0.09 x 10^2 = 4 m in ten seconds.
-    world = make_world(slope(percent), draught_n=0.0)
+    world = make_world(slope(percent), kind=kind, **no_tools(kind))
     begin = column(world, "position_e_m")
     world.engage(False)
     world.command(Command())
@@ -112,14 +116,16 @@ def test_an_unbraked_machine_rolls_unless_rolling_resistance_exceeds_the_slope(
         assert abs(column(world, "position_e_m") - begin) < 0.01
 
 
-def test_rolling_down_a_slope_accelerates_as_mechanics_demands(make_world: WorldMaker) -> None:
+@every_machine
+def test_rolling_down_a_slope_accelerates_as_mechanics_demands(make_world: WorldMaker, kind: str) -> None:
     # a (m + sum J / r^2) = m g (sin - rho cos): no draught.
-    world = make_world(slope(10.0), draught_n=0.0)
+    world = make_world(slope(10.0), kind=kind, **no_tools(kind))
     world.engage(False)
     world.command(Command())
     samples = record(world, 10 * PER_S, 50, ("speed_m_s",))[:, 0]
     urdf = world._body.urdf
-    spin = sum(urdf.links[urdf.joint_index(w.joint) + 1].inertia_kg_m2[1] / w.radius_m**2 for w in WHEELS)
+    wheels = world.machine.wheels
+    spin = sum(urdf.links[urdf.joint_index(w.joint) + 1].inertia_kg_m2[1] / w.radius_m**2 for w in wheels)
     angle = math.atan(0.10)
     expected = urdf.mass_kg * G * (math.sin(angle) - 0.065 * math.cos(angle)) / (urdf.mass_kg + spin)
     slopes = np.polyfit(np.arange(len(samples))[40:] * 0.1, np.abs(samples[40:]), 1)
@@ -127,9 +133,10 @@ def test_rolling_down_a_slope_accelerates_as_mechanics_demands(make_world: World
     assert slopes[0] * math.cos(angle) ** -1 == pytest.approx(expected, rel=0.02)
 
 
+@every_machine
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2.5, 5.0])
-def test_constant_speed_on_flat_ground_is_smooth(make_world: WorldMaker, speed: float) -> None:
-    world = make_world()
+def test_constant_speed_on_flat_ground_is_smooth(make_world: WorldMaker, kind: str, speed: float) -> None:
+    world = make_world(kind=kind, soil="tilled" if kind == "planter_f8" else "asphalt")
     world.watch("bar", MotionNeed(mount=world.machine.reference))
     drive(world, speed, seconds=20.0)
     world.capture("bar")
@@ -140,22 +147,26 @@ def test_constant_speed_on_flat_ground_is_smooth(make_world: WorldMaker, speed: 
     assert np.std(forces, axis=0).max() <= 0.01
 
 
-@pytest.mark.parametrize("draught", [0.0, 4000.0, 12000.0])
-def test_slip_is_pull_over_slip_stiffness(make_world: WorldMaker, draught: float) -> None:
-    world = make_world(draught_n=draught)
+@pytest.mark.parametrize(
+    ("kind", "draught"),
+    [("planter_f8", 0.0), ("planter_f8", 4000.0), ("planter_f8", 12000.0), ("prototype_car", 0.0)],
+)
+def test_slip_is_pull_over_slip_stiffness(make_world: WorldMaker, kind: str, draught: float) -> None:
+    world = make_world(kind=kind, **({"draught_n": draught} if draught else no_tools(kind)))
     drive(world, 2.0, seconds=20.0)
     soil = SoilConfig(preset="tilled").soil()
-    rear = [w.joint for w in WHEELS if "rear" in w.joint]
-    free = [w.joint for w in WHEELS if "rear" not in w.joint]
+    rear = [w.joint for w in world.machine.wheels if "rear" in w.joint]
+    free = [w.joint for w in world.machine.wheels if "rear" not in w.joint]
     resistance = soil.rolling_resistance * sum(column(world, f"{joint}.normal_n") for joint in free)
     stiffness = soil.longitudinal_stiffness * sum(column(world, f"{joint}.normal_n") for joint in rear)
     expected = (draught + resistance) / stiffness
     for joint in rear:
         assert column(world, f"{joint}.slip") == pytest.approx(expected, rel=0.05)
         # and the slip reported is ASABE's 1 - v / (omega r), r the loaded radius
-        speed, wheel = column(world, "tractor_speed_m_s"), column(world, "base_u_m")
-        rate = _rate(world, joint)
-        assert 1.0 - speed / (rate * wheel) == pytest.approx(expected, rel=0.05)
+        tyre = next(wheel for wheel in world.machine.wheels if wheel.joint == joint)
+        loaded = tyre.radius_m - column(world, f"{joint}.normal_n") / tyre.stiffness_n_m
+        speed, rate = column(world, "vehicle_speed_m_s"), _rate(world, joint)
+        assert 1.0 - speed / (rate * loaded) == pytest.approx(expected, rel=0.05)
 
 
 def _rate(world, joint):
@@ -164,9 +175,10 @@ def _rate(world, joint):
     return (column(world, f"joint.{joint}_rad") - before) / (100 / PER_S)
 
 
+@every_machine
 @pytest.mark.parametrize(("steering_deg", "resistance"), [(8.0, None), (16.0, None), (-16.0, None), (25.0, 0.01)])
 def test_turn_radius_is_ackermanns_at_low_speed(
-    make_world: WorldMaker, steering_deg: float, resistance: float | None
+    make_world: WorldMaker, kind: str, steering_deg: float, resistance: float | None
 ) -> None:
     # The rear axle's middle runs on R = L / tan(steering) while tyre side forces are small: firm ground, 0.5 m/s, no
     # tools in the soil; 16 degrees is a radius of 9.7 m. At 25 degrees (6 m) the planter stands at 40 degrees to the
@@ -175,11 +187,11 @@ def test_turn_radius_is_ackermanns_at_low_speed(
     # 3.3 % of radius. So there the wheels roll lightly.
     steering = math.radians(steering_deg)
     keys = {} if resistance is None else {"rolling_resistance": resistance}
-    world = make_world(soil="firm", soil_keys=keys, draught_n=0.0)
+    world = make_world(kind=kind, soil="firm", soil_keys=keys, **no_tools(kind))
     drive(world, 0.5, steering, seconds=70.0)
-    rates = record(world, 10 * PER_S, 50, ("tractor_speed_m_s", "yaw_rate_rad_s"))
+    rates = record(world, 10 * PER_S, 50, ("vehicle_speed_m_s", "yaw_rate_rad_s"))
     radius = np.mean(rates[:, 0]) / np.mean(rates[:, 1])
-    assert radius == pytest.approx(WHEELBASE_M / math.tan(steering), rel=0.03)
+    assert radius == pytest.approx(MACHINES[kind](kind=kind).wheelbase_m / math.tan(steering), rel=0.03)
 
 
 @pytest.mark.parametrize("steering_deg", [12.0, -20.0])
@@ -187,7 +199,7 @@ def test_the_planters_axle_runs_on_the_radius_geometry_gives(make_world: WorldMa
     # Rear axle on R, hitch a behind it on sqrt(R^2 + a^2), the planter's axle L behind that on sqrt(R^2 + a^2 - L^2).
     world = make_world(soil="firm")
     drive(world, 0.8, math.radians(steering_deg), seconds=90.0)
-    names = ("tractor_speed_m_s", "yaw_rate_rad_s", "speed_m_s")
+    names = ("vehicle_speed_m_s", "yaw_rate_rad_s", "speed_m_s")
     tractor, rate, planter = record(world, 10 * PER_S, 50, names).mean(axis=0)
     radius = tractor / rate
     expected = math.sqrt(radius**2 + HITCH_BEHIND_AXLE_M**2 - AXLE_X_M**2)
@@ -195,10 +207,11 @@ def test_the_planters_axle_runs_on_the_radius_geometry_gives(make_world: WorldMa
     assert abs(planter / rate) == pytest.approx(expected, rel=0.02)
 
 
-def test_motion_does_not_depend_on_where_east_is(make_world: WorldMaker) -> None:
+@every_machine
+def test_motion_does_not_depend_on_where_east_is(make_world: WorldMaker, kind: str) -> None:
     def path(turn_deg: float, east: float, north: float, percent: float) -> np.ndarray:
         ground = slope(percent, turn_deg + 30.0) if percent else None
-        world = make_world(ground, start={"east_m": east, "north_m": north, "heading_deg": turn_deg})
+        world = make_world(ground, kind=kind, start={"east_m": east, "north_m": north, "heading_deg": turn_deg})
         rows = []
         for steering in (0.2, -0.1, 0.3):
             world.command(Command(speed_m_s=2.0, steering_rad=steering))
@@ -218,11 +231,12 @@ def test_motion_does_not_depend_on_where_east_is(make_world: WorldMaker) -> None
             assert np.abs(path(turn, east, north, percent) - here).max() < 1e-5
 
 
-def test_halving_the_time_step_changes_little(make_world: WorldMaker) -> None:
+@every_machine
+def test_halving_the_time_step_changes_little(make_world: WorldMaker, kind: str) -> None:
     # Semi-implicit Euler is of first order: over 40 m with turns the end moves by far less than the 5 cm allowed.
     ends = []
     for dt_ns in (2_000_000, 1_000_000):
-        world = make_world(dt_ns=dt_ns)
+        world = make_world(kind=kind, dt_ns=dt_ns)
         per_s = 1_000_000_000 // dt_ns
         for steering in (0.25, -0.25):
             world.command(Command(speed_m_s=2.5, steering_rad=steering))

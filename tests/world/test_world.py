@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from tests.world.conftest import WorldMaker, column, record, slope
+from tests.world.conftest import MACHINES, WorldMaker, column, every_machine, record, slope
 from twin.errors import BadInputError, WorldEndedError
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.signals import Command, MotionNeed, Mount
@@ -22,15 +22,17 @@ from twin.world.terrain import FlatTerrain, RoughTerrain
 PER_S = 500
 
 _RUN = """
-import hashlib
+import hashlib, sys
 from twin.signals import Command, MotionNeed
-from twin.world.planter_f8 import PlanterF8Config
+from pydantic import TypeAdapter
+from twin.world import MachineConfig
 from twin.world.simulation import build_world
 from twin.world.soil import SoilConfig
 from twin.world.terrain import RoughTerrain
+machine = TypeAdapter(MachineConfig).validate_python({"kind": sys.argv[1]})
 digest = hashlib.sha256()
 ground = RoughTerrain(kind="rough", iso8608_class="D", size_m=(60.0, 60.0))
-with build_world(ground, SoilConfig(), PlanterF8Config(kind="planter_f8"), seed=3) as world:
+with build_world(ground, SoilConfig(), machine, seed=3) as world:
     world.watch("imu", MotionNeed(mount=world.machine.mounts["row_1"]))
     for steering in (0.0, 0.3, -0.2):
         world.command(Command(speed_m_s=2.0, steering_rad=steering))
@@ -41,11 +43,10 @@ print(digest.hexdigest())
 """
 
 
-def test_two_processes_agree_to_the_last_bit() -> None:
-    digests = [
-        subprocess.run([sys.executable, "-c", _RUN], capture_output=True, text=True, check=True).stdout.split()[-1]
-        for _ in range(2)
-    ]
+@every_machine
+def test_two_processes_agree_to_the_last_bit(kind: str) -> None:
+    command = [sys.executable, "-c", _RUN, kind]
+    digests = [subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[-1] for _ in range(2)]
     assert len(digests[0]) == len(hashlib.sha256().hexdigest())
     assert digests[0] == digests[1]
 
@@ -55,8 +56,9 @@ def test_configuration_does_not_import_the_physics() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_at_rest_a_level_mount_feels_gravity_and_nothing_turns(make_world: WorldMaker) -> None:
-    world = make_world(slope(10.0, 90.0))
+@every_machine
+def test_at_rest_a_level_mount_feels_gravity_and_nothing_turns(make_world: WorldMaker, kind: str) -> None:
+    world = make_world(slope(10.0, 90.0), kind=kind)
     mount = world.machine.mounts["row_1"]
     world.watch("imu", MotionNeed(mount=mount))
     first = world.capture("imu")
@@ -66,27 +68,29 @@ def test_at_rest_a_level_mount_feels_gravity_and_nothing_turns(make_world: World
     for motion in (first, still):
         # Nothing accelerates: what is felt is g along the world's up axis, seen from the mount as it truly stands.
         assert motion.mean_specific_force_m_s2 == pytest.approx(motion.rotation.T @ [0.0, 0.0, G], abs=1e-3)
-        # Across the slope (uphill to the left): the left axis feels g sin, up to the tyres' give.
+        # Across the slope (uphill to the left): the left axis feels g sin, up to the give of tyres and springs.
         assert motion.mean_specific_force_m_s2[1] == pytest.approx(G * math.sin(math.atan(0.1)), rel=0.15)
         assert np.abs(motion.mean_rate_rad_s).max() < 1e-4
     assert still.interval_s == 1.0
 
 
-def test_capture_on_a_steady_circle(make_world: WorldMaker) -> None:
+@every_machine
+def test_capture_on_a_steady_circle(make_world: WorldMaker, kind: str) -> None:
     # Body axes, level ground, steady turn with yaw rate w and forward and left speed (u, v) of the mount:
     # specific force = (-w v, w u, g), rate = (0, 0, w).
-    world = make_world(soil="firm")
+    world = make_world(kind=kind, soil="firm")
     world.command(Command(speed_m_s=2.0, steering_rad=0.25))
     world.advance(60 * PER_S)
-    for name in ("row_1", "row_8"):
+    ends = ("row_1", f"row_{len(world.machine.rows_y_m)}")
+    for name in ends:
         world.watch(name, MotionNeed(mount=world.machine.mounts[name]))
     world.advance(world.tick + 50)
     rate = column(world, "yaw_rate_rad_s")
     assert rate > 0.1
-    for name in ("row_1", "row_8"):
+    for name in ends:
         world.capture(name)
     world.advance(world.tick + 50)
-    for name in ("row_1", "row_8"):
+    for name in ends:
         motion = world.capture(name)
         u, v, _ = motion.rotation.T @ motion.velocity_enu_m_s
         assert motion.interval_s == pytest.approx(0.1)
@@ -136,8 +140,9 @@ def _rotation_vector(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) / angle * skew + (1.0 - np.cos(angle)) / angle**2 * skew @ skew
 
 
-def test_row_speeds_are_rigid_body_transport(make_world: WorldMaker) -> None:
-    world = make_world()
+@every_machine
+def test_row_speeds_are_rigid_body_transport(make_world: WorldMaker, kind: str) -> None:
+    world = make_world(kind=kind)
     world.command(Command(speed_m_s=2.0, steering_rad=-0.25))
     world.advance(20 * PER_S)
     speed, rate = column(world, "speed_m_s"), column(world, "yaw_rate_rad_s")
@@ -145,8 +150,9 @@ def test_row_speeds_are_rigid_body_transport(make_world: WorldMaker) -> None:
         assert column(world, f"row_speed_{row}_m_s") == pytest.approx(speed - rate * y, abs=2e-3)
 
 
-def test_motion_truth_matches_finite_differences(make_world: WorldMaker) -> None:
-    world = make_world(RoughTerrain(kind="rough", iso8608_class="C", size_m=(80.0, 80.0)))
+@every_machine
+def test_motion_truth_matches_finite_differences(make_world: WorldMaker, kind: str) -> None:
+    world = make_world(RoughTerrain(kind="rough", iso8608_class="C", size_m=(80.0, 80.0)), kind=kind)
     world.command(Command(speed_m_s=2.0, steering_rad=0.2))
     world.advance(5 * PER_S)
     names = ("position_e_m", "position_n_m", "position_u_m", "velocity_e_m_s", "velocity_n_m_s", "velocity_u_m_s",
@@ -189,16 +195,18 @@ def test_bad_places_are_bad_input() -> None:
         build_world(FlatTerrain(kind="flat"), SoilConfig(), machine, seed=1, path=long_path)
 
 
-def test_the_machine_starts_where_it_is_told_and_at_rest(make_world: WorldMaker) -> None:
+@every_machine
+def test_the_machine_starts_where_it_is_told_and_at_rest(make_world: WorldMaker, kind: str) -> None:
     world = make_world(
         RoughTerrain(kind="rough", iso8608_class="D", size_m=(60.0, 60.0)),
+        kind=kind,
         start={"east_m": 3.0, "north_m": -4.0, "heading_deg": 120.0},
     )
     vehicle = world.vehicle()
     assert (vehicle.east_m, vehicle.north_m) == pytest.approx((3.0, -4.0), abs=0.05)
     assert vehicle.heading_rad == pytest.approx(math.radians(120.0), abs=0.02)
     assert np.abs(world.truth()[3:6]).max() < 1e-3
-    config = PlanterF8Config(kind="planter_f8", start={"east_m": 3.0, "north_m": -4.0, "heading_deg": 120.0})
+    config = MACHINES[kind](kind=kind, start={"east_m": 3.0, "north_m": -4.0, "heading_deg": 120.0})
     east, north, _ = config.reference_start
     assert world.truth()[:2] == pytest.approx((east, north), abs=0.10)
 

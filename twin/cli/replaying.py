@@ -71,8 +71,8 @@ def _changed(recorded: Recording, settings: Sequence[str]) -> str:
     table = tomllib.loads(recorded.scenario_toml)
     for text in settings:
         key, value = parse_setting(text)
-        if key.partition(".")[0] not in {"estimators", "scoring", "checks"}:
-            raise BadInputError(f"--set {key}: a replay can change estimators.*, scoring.* and checks only")
+        if key.partition(".")[0] not in {"estimators", "seeding", "scoring", "checks"}:
+            raise BadInputError(f"--set {key}: a replay can change estimators.*, seeding.*, scoring.* and checks only")
         apply_setting(table, key, value)
     toml = tomli_w.dumps(table)
     loads(toml, where="--set")

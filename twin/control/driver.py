@@ -1,4 +1,4 @@
-"""A driver who steers the tractor's rear axle along a planned path and keeps a speed.
+"""A driver who steers the machine's rear axle along a planned path and keeps a speed.
 
 Steering is feed-forward of the path's curvature, looked at a moment ahead (a driver turns the wheel before the bend),
 plus feedback on lateral offset e and heading error psi. In distance s along the path the closed loop is
@@ -35,7 +35,7 @@ class Segment(Config):
     turn_deg: Annotated[float, Field(ge=-3600.0, le=3600.0)] | None = None
     """Turn by this angle, positive to the left."""
     radius_m: Annotated[float, Field(ge=1.0)] | None = None
-    """Radius of the turn, for the middle of the tractor's rear axle."""
+    """Radius of the turn, for the middle of the rear axle."""
     stop_s: Positive | None = None
     """Stop and stand for this long with the brake on."""
     speed_m_s: Annotated[float, Field(gt=0.0, le=15.0)] | None = None

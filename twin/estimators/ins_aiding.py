@@ -37,6 +37,7 @@ each (lefebure.com, RTK accuracy against age of corrections)."""
 _FRESH_S = 2.0
 _PULSE_SIGMA_M_S = 0.0005
 """Reading of a pulse period of some 20 ms with a timer of 10 us: 0.2 per mille of the speed."""
+_ACCOSAT_WHITE_M_S = 0.01
 _WHITE_SHARE = 0.26
 """Share of a receiver's sigma that is new in every sample: 0.8 of 3.1 mm with the F9P's fixed solution."""
 _LEAST_WHITE_M = 0.0005
@@ -189,12 +190,12 @@ class ReceiverAid:
         return known & (speed <= 0.03 + 5.0 * self._noise[0]), known
 
 
-def pulse_model(info: SensorInfo, setup: EstimatorSetup) -> PulseSensorModel:
+def pulse_model(info: SensorInfo, setup: EstimatorSetup, *, accosat_correlation_s: float) -> PulseSensorModel:
     """Model of a radar or AccoSat by its data sheet.
 
     The noise of the input follows from that of the output: behind a lag of gain g a white noise keeps g / (2 - g) of
-    its variance. An AccoSat is a filter itself: its speed is taken as unlagged, its slow error as white but larger
-    (:func:`pulse_observation`).
+    its variance. An AccoSat is a filter itself: its speed is taken as unlagged, with an error that changes slowly and
+    is twice what its data sheet says of a steady speed, since it lags behind changes and leaks in turns.
 
     Raises:
         BadInputError: it sits on another body.
@@ -204,7 +205,13 @@ def pulse_model(info: SensorInfo, setup: EstimatorSetup) -> PulseSensorModel:
     sample_s = 1.0 / info.rate_hz
     if info.kind == ACCOSAT:
         return PulseSensorModel(
-            name=info.name, arm_m=arm, beam_slope=0.0, speed_noise_m_s=0.0, sample_s=sample_s, lags_s=(0.0, 0.0)
+            name=info.name,
+            arm_m=arm,
+            beam_slope=0.0,
+            speed_noise_m_s=_ACCOSAT_WHITE_M_S,
+            sample_s=sample_s,
+            lags_s=(0.0, 0.0),
+            slow_error=(2.0 * sheet.get("speed_noise_m_s", 0.05), accosat_correlation_s),
         )
     lags = (sheet.get("lag_speeding_up_s", 0.0), sheet.get("lag_braking_s", 0.0))
     # the data sheet's noise is behind the faster lag
@@ -219,15 +226,9 @@ def pulse_model(info: SensorInfo, setup: EstimatorSetup) -> PulseSensorModel:
     )
 
 
-def pulse_observation(
-    info: SensorInfo, model: PulseSensorModel, *, size: int, correlation_s: float
-) -> StatesThemselves:
-    """How its reading sees its lagged speed; an AccoSat's error, correlated over ``correlation_s``, as white noise of
-    the same density."""
-    variance = _PULSE_SIGMA_M_S**2
-    if info.kind == ACCOSAT:
-        variance += info.datasheet.get("speed_noise_m_s", 0.05) ** 2 * max(1.0, 2.0 * correlation_s * info.rate_hz)
-    return StatesThemselves([model.at], [variance], size=size)
+def pulse_observation(model: PulseSensorModel, *, size: int) -> StatesThemselves:
+    """How a pulse sensor's reading sees its lagged speed."""
+    return StatesThemselves([model.at], [_PULSE_SIGMA_M_S**2], size=size)
 
 
 Aid = PulseAid | ReceiverAid

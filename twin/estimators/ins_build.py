@@ -85,9 +85,10 @@ class InsNoiseConfig(Config):
     response_1_rts: NonNegative = 1e-6
     scale_1_rts: NonNegative = 1e-4
     """Wandering of a pulse sensor's scale: pitch of the frame, crop, mud."""
-    pulse_scale_ratio: NonNegative = 0.01
-    """Scale error of a pulse sensor at the start."""
-    accosat_correlation_s: Positive = 2.0
+    pulse_scale_ratio: NonNegative = 0.005
+    """Scale error of a radar at the start: calibrated over some hundred metres, half a per cent."""
+    accosat_correlation_s: Positive = 3.0
+    """1/e time of an AccoSat's error: somewhat more than its own fusion's time constant."""
     yaw_rate_extra_rad_s: NonNegative = 5e-4
     """What the yaw rate changes within half a sample: the output is about the instant, gyroscopes about the mean."""
 
@@ -148,9 +149,9 @@ def model_and_aids(
     aids: dict[str, Aid] = {}
     at = CORE_STATES
     for info in pulses:
-        model = replace(pulse_model(info, setup), at=at)
+        model = replace(pulse_model(info, setup, accosat_correlation_s=config.noise.accosat_correlation_s), at=at)
         at += 2
-        seen = pulse_observation(info, model, size=size, correlation_s=config.noise.accosat_correlation_s)
+        seen = pulse_observation(model, size=size)
         models.append(model)
         aids[info.name] = PulseAid(info, model, seen, setup, zero_is_speed=not config.gating.enabled)
     antennas: list[ReceiverModel] = []
@@ -223,12 +224,12 @@ def start(
     sigma[SLIP] = config.wheels.sideslip_m_s
     for sensor in model.pulse_sensors:
         sigma[sensor.at] = begin.speed_m_s
-        sigma[sensor.at + 1] = noise.pulse_scale_ratio
+        sigma[sensor.at + 1] = noise.pulse_scale_ratio if sensor.slow_error is None else sensor.slow_error[0]
     for receiver in model.receivers:
         sigma[receiver.at : receiver.at + 2] = begin.speed_m_s
         sigma[receiver.at + 2 : receiver.at + 4] = config.gnss.single_m
     if not config.scale_states:
         sigma[K : K + 3] = 0.0
-        sigma[[sensor.at + 1 for sensor in model.pulse_sensors]] = 0.0
+        sigma[[sensor.at + 1 for sensor in model.pulse_sensors if sensor.slow_error is None]] = 0.0
     P = np.diag(np.square(sigma))
     return np.repeat(x[np.newaxis], setup.runs, axis=0), np.repeat(P[np.newaxis], setup.runs, axis=0)

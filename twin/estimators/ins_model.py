@@ -9,8 +9,9 @@ The state of one rigid body, in this order (body axes FLU at the reference point
     b_g (3)           gyroscope bias, rad/s
     k (3)             what a yaw rate of 1 rad/s falsely adds to each gyro axis: cross-axis on x and y, scale on z
     beta              sideslip: lateral velocity of the point that should not slip, m/s
-    and, for every pulse sensor (radar, AccoSat), its lagged output L (m/s) and scale error s; for every GNSS
-    receiver its lagged velocity G_e, G_n (m/s) and the time-correlated error c_e, c_n (m) of its position
+    and, for every pulse sensor, its lagged output L (m/s) and scale error s (an AccoSat, which is a filter itself and
+    errs slowly, has an additive error e in m/s in place of s); for every GNSS receiver its lagged velocity G_e, G_n
+    (m/s) and the time-correlated error c_e, c_n (m) of its position
 
 Strapdown mechanisation (Titterton and Weston 2004, chapter 3, without the earth's rotation: 7e-5 rad/s are lost in the
 gyro bias) with the inertial sample u = (f, g), specific force and angular rate averaged over the step T:
@@ -67,8 +68,10 @@ class PulseSensorModel:
     """Time between two samples."""
     lags_s: tuple[float, float]
     """Time constants: speeding up, braking."""
+    slow_error: tuple[float, float] | None = None
+    """Standard deviation (m/s) and 1/e time (s) of an additive error, which then takes the place of the scale error."""
     at: int = 0
-    """Index of L in the state; s follows."""
+    """Index of L in the state; s or e follows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,6 +206,10 @@ class Strapdown:
         moved[:, at] = x[:, at] + gain * (seen - x[:, at])
         F[:, at] = (0.5 * gain)[:, np.newaxis] * (d_before + d_after)
         F[:, at, at] += 1.0 - gain
+        if sensor.slow_error is not None:
+            keep = math.exp(-dt / sensor.slow_error[1])
+            moved[:, at + 1] = keep * x[:, at + 1]
+            F[:, at + 1, at + 1] = keep
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
         """Process noise of ``dt_s``, shape (R, n, n)."""
@@ -223,6 +230,9 @@ class Strapdown:
             share = own / (2.0 - own) * (2.0 - gain) / gain
             diagonal[:, sensor.at] = (gain * sensor.speed_noise_m_s) ** 2 * share
             diagonal[:, sensor.at + 1] = noise.scale**2 * dt_s
+            if sensor.slow_error is not None:
+                sigma, tau_s = sensor.slow_error
+                diagonal[:, sensor.at + 1] = sigma**2 * (1.0 - math.exp(-2.0 * dt_s / tau_s))
         for receiver in self.receivers:
             diagonal[:, receiver.at : receiver.at + 2] = 1e-8
             keep_c = math.exp(-dt_s / receiver.correlation_s)
@@ -412,14 +422,19 @@ def horizontal(v: FloatArray, attitude: FloatArray) -> tuple[FloatArray, FloatAr
 
 def doppler(sensor: PulseSensorModel, x: FloatArray, w: FloatArray) -> FloatArray:
     """Speed that a pulse sensor sees now (R,), without lag and noise."""
-    seen: FloatArray = np.abs((1.0 + x[:, sensor.at + 1]) * _along(sensor, x, w))
+    seen: FloatArray = np.abs(_scale(sensor, x) * _along(sensor, x, w))
     return seen
+
+
+def _scale(sensor: PulseSensorModel, x: FloatArray) -> FloatArray:
+    return np.ones(len(x)) if sensor.slow_error is not None else 1.0 + x[:, sensor.at + 1]
 
 
 def _along(sensor: PulseSensorModel, x: FloatArray, w: FloatArray) -> FloatArray:
     """Speed along the beam over the cosine of its angle."""
     swing = cross(w, np.array(sensor.arm_m))
-    return x[:, VX] + swing[:, 0] - sensor.beam_slope * (x[:, VZ] + swing[:, 2])
+    along = x[:, VX] + swing[:, 0] - sensor.beam_slope * (x[:, VZ] + swing[:, 2])
+    return along if sensor.slow_error is None else along + x[:, sensor.at + 1]
 
 
 def _doppler_jacobian(
@@ -429,6 +444,6 @@ def _doppler_jacobian(
     along, d_swing = _along(sensor, x, w), _cross_jacobian(dw, np.array(sensor.arm_m))
     d_along = dv[:, 0] + d_swing[:, 0] - sensor.beam_slope * (dv[:, 2] + d_swing[:, 2])
     sign = np.where(along < 0.0, -1.0, 1.0)
-    jacobian: FloatArray = (sign * (1.0 + x[:, sensor.at + 1]))[:, np.newaxis] * d_along
-    jacobian[:, sensor.at + 1] += sign * along
+    jacobian: FloatArray = (sign * _scale(sensor, x))[:, np.newaxis] * d_along
+    jacobian[:, sensor.at + 1] += sign * along if sensor.slow_error is None else sign
     return jacobian

@@ -11,6 +11,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin import paths
 from twin.config import Config, NonNegative, Positive, Probability
 from twin.control.driver import DriverConfig
+from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.formats.planter_bus import BusConfig
@@ -131,6 +132,8 @@ class Scenario(Config):
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
     """Estimators by name."""
+    seeding: SeedingConfig | None = None
+    """What the row units plant; without it no seed is metered."""
     bus: dict[str, BusConfig] = Field(default_factory=dict)
     """CAN buses whose load is worked out, by name; they have no effect on the run."""
     scoring: ScoringConfig = ScoringConfig()
@@ -183,6 +186,8 @@ class Scenario(Config):
     def _bounded_memory(self) -> Self:
         rates = [s.rate_hz * 40 for s in self.sensors.values()]
         rates += [estimator.rate_hz * 80 for estimator in self.estimators.values()]
+        if self.seeding is not None:
+            rates += [self.seeding.largest_rate_hz * len(self.machine.rows_y_m) * 6] * len(self.estimators)
         needed = 8.0 * self.duration_s * (self.recording.truth_hz * 100 + self.repetitions * sum(rates))
         if needed > _LARGEST_RECORDING_BYTES:
             raise ValueError(

@@ -24,6 +24,7 @@ from twin.scenario import Scenario
 from twin.scoring import bus, consistency
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import Measure, measures_of, row_numbers
+from twin.scoring.seeds import SeedScorer, counted_rows, seed_metric_names
 from twin.signals import NS_PER_S, SPEED, YAW_RATE, BoolArray, FloatArray, IntArray, nanoseconds, row_speed, wraps
 
 Metrics = dict[str, FloatArray]
@@ -71,6 +72,8 @@ def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
         for measure in estimator_measures(scenario, truth, columns):
             names += [f"{estimator}.{name}" for name in _phased(measure, phase_names(scenario, truth))]
         names += [f"{estimator}.{name}" for name in _consistency_names(truth, columns)]
+        seeds = seed_metric_names(counted_rows(scenario, truth, columns), phase_names(scenario, truth))
+        names += [f"{estimator}.{name}" for name in seeds]
     return names + bus.metric_names(scenario)
 
 
@@ -90,7 +93,8 @@ def compute(recording: Recording, scenario: Scenario) -> Metrics:
     """All metrics of a whole recording, each of shape (R,)."""
     truth = recording.truth
     estimates = {name: recording.estimates(name) for name in recording.names("estimates")}
-    scorer = Scorer(scenario, truth.columns, {name: stream.columns for name, stream in estimates.items()})
+    columns = {name: stream.columns for name, stream in estimates.items()}
+    scorer = Scorer(scenario, truth.columns, columns, runs=recording.runs)
     scorer.add(truth, estimates)
     of_buses = {name: np.array([value]) for name, value in bus.metrics(scenario).items()}
     return {**motion_metrics(truth, scenario), **scorer.metrics(), **of_buses}
@@ -139,9 +143,13 @@ class Scorer:
         truth_columns: Sequence[str],
         estimates: Mapping[str, Sequence[str]],
         *,
+        runs: Sequence[int] = (0,),
         watch: Callable[[str, IntArray, FloatArray], None] | None = None,
     ) -> None:
-        """``watch`` is shown every error signal that has an envelope: its name, times (T,) and values (T, R)."""
+        """Score the runs of these indices, from which seeds are drawn.
+
+        ``watch`` is shown every error signal that has an envelope: its name, times (T,) and values (T, R).
+        """
         self._scenario = scenario
         self._watch = watch
         self._from_ns = nanoseconds(scenario.scoring.from_s)
@@ -155,6 +163,10 @@ class Scorer:
             f"{name}.{metric}": _MeanOfKnown()
             for name, columns in estimates.items()
             for metric in _consistency_names(truth_columns, columns)
+        }
+        rows = {name: counted_rows(scenario, truth_columns, columns) for name, columns in estimates.items()}
+        self._seeds = {
+            name: SeedScorer(scenario, counted, runs, self._phases) for name, counted in rows.items() if counted
         }
 
     def add(self, truth: Stream, estimates: Mapping[str, Stream]) -> None:
@@ -172,6 +184,8 @@ class Scorer:
                     tally = self._tallies.setdefault(key, self._tally(measure, runs))
                     tally.add(values[masks[suffix]], compared.t_ns[masks[suffix]])
             self._add_consistency(name, truth, estimate, compared)
+            if name in self._seeds:
+                self._seeds[name].add(truth, phases(self._scenario, truth, np.arange(len(truth))), estimate)
 
     def _add_consistency(self, name: str, truth: Stream, estimate: Stream, compared: Compared) -> None:
         nees = self._means.get(f"{name}.consistency.nees")
@@ -197,6 +211,8 @@ class Scorer:
         for name in self._measures:
             for part in (self._tallies, self._means):
                 found |= {key: tally.value() for key, tally in part.items() if key.startswith(f"{name}.")}
+            if name in self._seeds:
+                found |= {f"{name}.{key}": value for key, value in self._seeds[name].metrics().items()}
         return found
 
 

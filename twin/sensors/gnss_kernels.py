@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.sensors.kernels import compiled
+from twin.compiled import compiled
 from twin.signals import FloatArray, IntArray
 
 NEVER = 2**62

@@ -7,20 +7,10 @@ first: nothing is broadcast and no bound is checked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
-
-import numba
 import numpy as np
 
+from twin.compiled import compiled
 from twin.signals import FloatArray
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def compiled(function: Function) -> Function:
-    """Compile a loop, once and for all: kept on disk, division by zero as numpy has it."""
-    return cast("Function", numba.njit(cache=True, error_model="numpy")(function))
 
 
 @compiled

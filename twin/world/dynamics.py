@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
+from twin.compiled import compiled
 from twin.signals import FloatArray, IntArray
-from twin.world.compiled import compiled
 from twin.world.tyres import (
     ARM,
     HALF_LENGTH,
@@ -53,6 +53,9 @@ ACC_POSITION, ACC_ROTATION, ACC_VELOCITY, ACC_FORCE, ACC_RATE, ACC_START, ACC_LA
     27,
 )
 ACCUMULATOR_COLUMNS = 30
+
+# Layout of a spring's row: joint, stiffness and damping about it, moment at angle zero.
+SPRING_JOINT, SPRING_STIFFNESS, SPRING_DAMPING, SPRING_PRELOAD = range(4)
 
 OK, OFF_TERRAIN, NOT_FINITE, TIPPED = range(4)
 _COS_TIPPED = 0.5
@@ -266,6 +269,17 @@ def tool_forces(
 
 
 @compiled
+def spring_moments(state: FloatArray, springs: FloatArray, loads: FloatArray) -> None:
+    """Add the moments of springs and dampers in hinges."""
+    count = (state.shape[0] - JOINTS) // 2
+    for i in range(springs.shape[0]):
+        spring = springs[i]
+        j = int(spring[SPRING_JOINT])
+        angle, rate = state[JOINTS + j], state[JOINTS + count + j]
+        loads[6 + j] += spring[SPRING_PRELOAD] - spring[SPRING_STIFFNESS] * angle - spring[SPRING_DAMPING] * rate
+
+
+@compiled
 def dry_moments(
     state: FloatArray, wheel_joints: IntArray, wheels: FloatArray, results: FloatArray, rolling_resistance: float,
     torque: FloatArray, brake: FloatArray, dt: float, loads: FloatArray, limits: FloatArray,
@@ -295,7 +309,7 @@ def dry_moments(
 def forces(
     parents: IntArray, joints: FloatArray, state: FloatArray, links: FloatArray,
     wheel_joints: IntArray, wheels: FloatArray, deflections: FloatArray, results: FloatArray,
-    heights: FloatArray, west: float, south: float, cell: float, tools: FloatArray,
+    heights: FloatArray, west: float, south: float, cell: float, tools: FloatArray, springs: FloatArray,
     rolling_resistance: float, torque: FloatArray, brake: FloatArray, dt: float,
     loads: FloatArray, limits: FloatArray,
 ) -> int:  # fmt: skip
@@ -305,6 +319,7 @@ def forces(
     )
     if status == OK:
         tool_forces(parents, joints, state, links, tools, loads)
+        spring_moments(state, springs, loads)
         dry_moments(state, wheel_joints, wheels, results, rolling_resistance, torque, brake, dt, loads, limits)
     return status
 

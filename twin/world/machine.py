@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, Self
 
+import numpy as np
 from pydantic import Field, Strict, field_validator, model_validator
 
 from twin.config import Config, Vector3
@@ -37,6 +38,17 @@ class Wheel:
     """Vertical."""
     damping_n_s_m: float
     """Vertical."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spring:
+    """A spring with a damper that carries a hinge's static load at angle zero: a wheel's suspension."""
+
+    joint: str
+    stiffness_n_m_rad: float
+    """Moment per angle."""
+    damping_n_m_s_rad: float
+    """Moment per rate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +109,7 @@ class MachineModel:
     start: tuple[float, float, float]
     """East m, north m, heading rad of the root link's frame."""
     drive: Callable[[Urdf], Drive]
+    springs: tuple[Spring, ...] = ()
     draughts: tuple[Draught, ...] = ()
     servo_torque_n_m: float = 50_000.0
 
@@ -183,6 +196,11 @@ class MachineBaseConfig(Config):
         raise NotImplementedError
 
     @property
+    def wheelbase_m(self) -> float:
+        """From the rear axle, which follows the path, to the steered one."""
+        raise NotImplementedError
+
+    @property
     def resolved_mounts(self) -> dict[str, Mount]:
         """All mounts, by name."""
         return {name: mount.mount() for name, mount in self.mounts.items()}
@@ -208,13 +226,27 @@ class MachineBaseConfig(Config):
 
     @property
     def reference_start(self) -> tuple[float, float, float]:
-        """Nominal start pose of the reference frame (straight behind the tractor): east m, north m, heading rad."""
+        """Nominal start pose of the reference frame (what is drawn, straight behind): east m, north m, heading rad."""
         east, north, heading = self.vehicle_start
         position, rotation = read_urdf(self.asset).zero_pose(self.reference.body)
         offset = position + rotation @ self.reference.xyz_m
         turned = rotation_from_rpy(0.0, 0.0, heading) @ offset
         own = float(rpy_from_rotation(rotation)[2])
         return east + float(turned[0]), north + float(turned[1]), heading + own
+
+    @property
+    def footprint_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Rectangle around all joints and row units, as the machine stands straight: (back, right), (front, left).
+
+        In the frame of the root link, forward and left, m.
+        """
+        urdf = read_urdf(self.asset)
+        points = [urdf.zero_pose(link.name)[0][:2] for link in urdf.links]
+        position, rotation = urdf.zero_pose(self.reference.body)
+        bar = position + rotation @ self.reference.xyz_m
+        points += [(bar + rotation @ np.array([0.0, y, 0.0]))[:2] for y in self.rows_y_m]
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 
     @property
     def reach_m(self) -> float:

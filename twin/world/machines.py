@@ -3,6 +3,11 @@
 A new machine is one module with a :class:`~twin.world.machine.MachineBaseConfig` of its own, joined here.
 """
 
-from twin.world.planter_f8 import PlanterF8Config
+from typing import Annotated
 
-MachineConfig = PlanterF8Config
+from pydantic import Field
+
+from twin.world.planter_f8 import PlanterF8Config
+from twin.world.prototype_car import PrototypeCarConfig
+
+MachineConfig = Annotated[PlanterF8Config | PrototypeCarConfig, Field(discriminator="kind")]

@@ -34,7 +34,7 @@ from twin.world import dynamics, tyres
 from twin.world.body import PhysicsBody
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.soil import Soil, SoilConfig
-from twin.world.statics import static_loads
+from twin.world.statics import spring_preloads, static_loads
 from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
 
 _SETTLING_S = 4.0
@@ -99,7 +99,15 @@ class World:
         self._limits = np.zeros(joints)
         self._limits[list(self._drive.servos)] = machine.servo_torque_n_m
         self._wheel_joints = np.array([urdf.joint_index(wheel.joint) for wheel in machine.wheels], dtype=np.int64)
-        loads = static_loads(urdf, [wheel.joint for wheel in machine.wheels])
+        names, sprung = [wheel.joint for wheel in machine.wheels], [spring.joint for spring in machine.springs]
+        loads = static_loads(urdf, names, sprung)
+        preloads = spring_preloads(urdf, names, sprung, loads)
+        self._springs = np.array(
+            [
+                (urdf.joint_index(s.joint), s.stiffness_n_m_rad, s.damping_n_m_s_rad, preload)
+                for s, preload in zip(machine.springs, preloads, strict=True)
+            ]
+        ).reshape(-1, 4)
         self._wheels = np.array(
             [
                 tyres.wheel_parameters(wheel, soil, static_load_n=load, spin_inertia_kg_m2=self._spin_inertia(joint))
@@ -142,7 +150,7 @@ class World:
         per_row = tuple(name for row in rows for name in (row_speed(row), *row_position(row)))
         drawing = ("base_e_m", "base_n_m", "base_u_m", "base_qx", "base_qy", "base_qz", "base_qw")
         joints = tuple(f"joint.{joint.name}_rad" for joint in self._body.urdf.joints)
-        vehicle = ("tractor_e_m", "tractor_n_m", "tractor_heading_rad", "tractor_speed_m_s")
+        vehicle = ("vehicle_e_m", "vehicle_n_m", "vehicle_heading_rad", "vehicle_speed_m_s")
         wheels = tuple(f"{wheel.joint}.{name}" for wheel in self.machine.wheels for name, _ in _WHEEL_COLUMNS)
         return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels
 
@@ -153,13 +161,16 @@ class World:
         east, north, heading = self.machine.start
         self._body.place(*self._pose_on_ground(east, north, heading))
         self._read()
-        damping = self._wheels[:, tyres.DAMPING].copy()
-        self._wheels[:, tyres.DAMPING] *= _SETTLING_DAMPING
+        dampers = self._wheels[:, tyres.DAMPING], self._springs[:, dynamics.SPRING_DAMPING]
+        figures = [damper.copy() for damper in dampers]
+        for damper, figure in zip(dampers, figures, strict=True):
+            damper[:] = _SETTLING_DAMPING * figure
         try:
             self.advance(round(_SETTLING_S / self._dt_s))
         except WorldEndedError as error:
             raise BadInputError(f"machine.start: {error.reason} at its start") from error
-        self._wheels[:, tyres.DAMPING] = damping
+        for damper, figure in zip(dampers, figures, strict=True):
+            damper[:] = figure
         self._drive.reset()
         self.tick = 0
 
@@ -195,7 +206,7 @@ class World:
         tree = self._parents, self._joints
         ground: tuple[Any, ...] = (
             state, self._links, self._wheel_joints, self._wheels, self._deflections, self._results,
-            self.terrain.heights, *self._grid, self._tools, self._rolling_resistance,
+            self.terrain.heights, *self._grid, self._tools, self._springs, self._rolling_resistance,
             actuation.torque_n_m, actuation.brake_n_m, dt, loads, limits,
         )  # fmt: skip
         watched = self._bodies, self._mounts, self._sums
@@ -317,8 +328,11 @@ class World:
             copy.close()
 
     def energy_j(self) -> float:
-        """Kinetic, potential and tyre-spring energy of the machine, J (tyres as of the latest step's forces)."""
+        """Kinetic, potential and spring energy of the machine, J (tyres as of the latest step's forces)."""
         total = float(np.sum(self._results[:, tyres.SPRING]))
+        for joint, stiffness, _, preload in self._springs:
+            angle = float(self._state[dynamics.JOINTS + int(joint)])
+            total += 0.5 * stiffness * angle**2 - preload * angle
         for link, row in zip(self._body.urdf.links, self._links, strict=True):
             rotation = row[dynamics.ROTATION : dynamics.ROTATION + 9].reshape(3, 3)
             arm = rotation @ link.com_m

@@ -8,6 +8,11 @@ Management Data", with that standard's wheel numeric Bn for each class of soil:
 
 Ours is a linear slip stiffness up to a friction limit: the limit is mu_g at full slip and the stiffness is the secant
 of mu_g's slip-dependent part at 10 % slip, the middle of the 8 to 15 % where tractors pull best.
+
+``asphalt`` is no soil: there the tyre's own rubber and carcass slip, and the figures are a passenger car tyre's.
+Slip stiffnesses 22.3 per unit of slip and 21.9 per radian of slip angle, and its lateral peak friction of 1.05, are
+those of the BMW 320i in the CommonRoad vehicle models (Althoff and Wuersching 2020, parameters p_kx1, p_ky1, p_dy1);
+motion resistance 0.013 is the usual figure for car tyres on asphalt (Gillespie 1992, from memory).
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from pydantic import Field
 
 from twin.config import Config
 
-SoilName = Literal["firm", "tilled", "soft", "paddy"]
+SoilName = Literal["asphalt", "firm", "tilled", "soft", "paddy"]
 
 WHEEL_NUMERIC: dict[SoilName, float] = {"firm": 55.0, "tilled": 40.0, "soft": 20.0, "paddy": 8.0}
 """Bn: firm, tilled and soft from ASABE D497; 8 for a puddled paddy bottom is a choice (rho 0.165, mu 0.52)."""
@@ -45,11 +50,15 @@ class Soil:
     """Motion resistance per normal load."""
 
 
+ASPHALT = Soil(friction=1.05, longitudinal_stiffness=22.3, lateral_stiffness=21.9, rolling_resistance=0.013)
+"""A passenger car tyre on dry asphalt; sources in the module's docstring."""
+
+
 class SoilConfig(Config):
     """Soil: a preset, and single values that replace the preset's."""
 
     preset: SoilName = "tilled"
-    """Kind of soil: firm, tilled, soft or paddy."""
+    """Kind of ground: asphalt, firm, tilled, soft or paddy."""
     friction: Annotated[float, Field(gt=0.0, le=2.0)] | None = None
     """Largest horizontal force per normal load."""
     longitudinal_stiffness: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
@@ -61,7 +70,7 @@ class SoilConfig(Config):
 
     def soil(self) -> Soil:
         """Return the preset with this section's own values on top."""
-        base = brixius(WHEEL_NUMERIC[self.preset])
+        base = ASPHALT if self.preset == "asphalt" else brixius(WHEEL_NUMERIC[self.preset])
 
         def pick(own: float | None, preset: float) -> float:
             return preset if own is None else own

@@ -4,7 +4,8 @@ Speed: a governor (proportional and integral on the mean rear wheel speed, as a 
 for axle torque, which follows with a first-order lag, within limits; an open differential halves it. The set-point
 follows the command with limited acceleration. Steering: the wheel angle follows the command with a first-order lag, a
 rate limit and end stops; the two front wheels stand on one centre (Ackermann). These figures are choices in the range
-of medium tractors; a hydraulic steering rate near 0.4 rad/s takes about 3 s from stop to stop.
+of medium tractors; a hydraulic steering rate near 0.4 rad/s takes about 3 s from stop to stop. Any front-steered,
+rear-driven machine can have it, with figures of its own.
 """
 
 from __future__ import annotations

@@ -30,8 +30,8 @@ import math
 
 import numpy as np
 
+from twin.compiled import compiled
 from twin.signals import FloatArray
-from twin.world.compiled import compiled
 from twin.world.machine import Wheel
 from twin.world.soil import Soil
 

@@ -8,6 +8,7 @@ from viz.layers.machine import draw_machine
 from viz.layers.measurements import draw_measured_positions
 from viz.layers.plots import draw_motion_plots, draw_row_speed_plots
 from viz.layers.receivers import draw_receivers
+from viz.layers.seeds import draw_population_plot, draw_seeds
 from viz.layers.states import draw_states
 from viz.layers.text import draw_events, draw_page
 from viz.layers.trails import draw_row_trails
@@ -19,8 +20,10 @@ LAYERS: tuple[Layer, ...] = (
     draw_row_trails,
     draw_measured_positions,
     draw_estimates,
+    draw_seeds,
     draw_row_speed_plots,
     draw_motion_plots,
+    draw_population_plot,
     draw_receivers,
     draw_states,
     draw_events,

@@ -21,7 +21,8 @@ SMALLEST_M = 0.2
 """Ellipses are drawn with at least this half axis, or RTK's could not be seen."""
 
 _LIFT_M = 0.12
-_ARROW_M = 2.2
+_ARROW, _MARKER_RADIUS = 0.19, 0.005
+"""Length of the arrow, and half the thickness of arrow and bar, as shares of the machine's size."""
 _EAST, _NORTH = POSITION[:2]
 
 
@@ -58,10 +59,16 @@ def _draw_pose(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
         return
     keep = _seen(stream, pose)
     pose = pose[keep]
-    ahead = _ARROW_M * np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2]), np.zeros(len(pose))])
+    ahead = (
+        _ARROW
+        * run.scene.machine_size_m
+        * np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2]), np.zeros(len(pose))])
+    )
     entity = entities.estimated_pose(name)
     sheet.rows(entity, stream.t_ns[keep], rr.Arrows3D.columns(origins=_on_ground(run, pose[:, :2]), vectors=ahead))
-    sheet.static(entity, rr.Arrows3D.from_fields(colors=[run.colours[name]], radii=0.06))
+    sheet.static(
+        entity, rr.Arrows3D.from_fields(colors=[run.colours[name]], radii=_MARKER_RADIUS * run.scene.machine_size_m)
+    )
 
 
 def _draw_rows(run: Run, sheet: Sheet, name: str, stream: Stream, rows: list[int]) -> None:
@@ -75,7 +82,9 @@ def _draw_rows(run: Run, sheet: Sheet, name: str, stream: Stream, rows: list[int
     bars = np.stack([_on_ground(run, ends[keep, :2]), _on_ground(run, ends[keep, 2:])], axis=1)
     entity = entities.estimated_rows(name)
     sheet.rows(entity, stream.t_ns[keep], rr.LineStrips3D.columns(strips=bars.astype(np.float32)))
-    sheet.static(entity, rr.LineStrips3D.from_fields(colors=[run.colours[name]], radii=0.06))
+    sheet.static(
+        entity, rr.LineStrips3D.from_fields(colors=[run.colours[name]], radii=_MARKER_RADIUS * run.scene.machine_size_m)
+    )
 
 
 def ellipse_axes(

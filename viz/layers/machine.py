@@ -18,11 +18,14 @@ _BASE = ("base_e_m", "base_n_m", "base_u_m")
 _QUATERNION = ("base_qx", "base_qy", "base_qz", "base_qw")
 _STILL = 1e-4
 """A machine that moves less than this (m, rad, quaternion) is not drawn anew: a tenth of a millimetre."""
-_EYE_M = (-11.5, 7.5, 6.0)
-"""Where the camera stands at the start, seen from the root link: behind, to the left, above."""
+_EYE = np.array([-0.70, 0.585, 0.405])
+"""From what the camera looks at to where it stands at the start: behind, to the left, above."""
+_EYE_DIAGONALS = 1.08
+_LOOK_FROM_BACK, _LOOK_M = 0.28, 0.8
+"""The camera looks at a point of the machine's middle line, nearer its back, where its tools work, and at this height,
+from as many diagonals of the machine away."""
 _Frames = tuple[str, str]
 """Names of parent and child frame."""
-_LOOK_M = (-2.5, 0.0, 0.8)
 
 
 def joint_column(joint: str, kind: str) -> str:
@@ -64,7 +67,7 @@ def draw_machine(run: Run, sheet: Sheet) -> None:
     sheet.rows(entities.FOCUS, truth.t_ns[moved], rr.Points3D.columns(positions=position[moved]))
     sheet.static(entities.FOCUS, rr.Points3D.from_fields(radii=0.01, colors=[(0, 0, 0)]))
     sheet.follow = entities.FOCUS
-    sheet.eye = _seen_from_behind(position[0], quaternion[0])
+    sheet.eye = _seen_from_behind(run, position[0], quaternion[0])
 
 
 def _draw_joint(sheet: Sheet, joint: rr.urdf.UrdfJoint, t_ns: IntArray, value: FloatArray) -> None:
@@ -106,9 +109,12 @@ def joint_transform(joint: rr.urdf.UrdfJoint, value: FloatArray) -> tuple[FloatA
     return translation, np.hstack([turned, origin[3] * scalar - vector @ origin[:3, np.newaxis]])
 
 
-def _seen_from_behind(position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eye and look target of a camera behind the machine."""
+def _seen_from_behind(run: Run, position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eye and look target of a camera behind the machine, as far off as its size asks for."""
+    (back, right), (front, left) = run.scene.footprint_m
+    look = np.array([back + _LOOK_FROM_BACK * (front - back), 0.5 * (left + right), _LOOK_M])
     x, y, z, w = quaternion
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     level = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    return position + level @ _EYE_M, position + level @ _LOOK_M
+    target = position + level @ look
+    return target + level @ (_EYE_DIAGONALS * run.scene.machine_size_m * _EYE), target

@@ -1,4 +1,4 @@
-"""Compiles the few functions that run at every physics step."""
+"""Compiles the few functions that run at every step."""
 
 from __future__ import annotations
 
