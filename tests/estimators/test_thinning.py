@@ -12,11 +12,14 @@ from tests.estimators.planter import (
     ROWS_Y,
     STEP_NS,
     STEP_S,
+    gnss,
     make_setup,
     measurement,
+    motion,
     profile,
     radar,
     report,
+    sensors,
     stream,
 )
 from tests.estimators.test_row_speed_ekf import NOISE, TRACK, column, make, member, play
@@ -237,3 +240,31 @@ def test_the_yaw_rate_of_a_slow_filter_takes_as_many_steps(input_rate_hz: float)
     gain = 0.5 * (math.sqrt(0.04**2 + 4.0 * 0.04) - 0.04)
     after_four = round((50.0 + 4.0 / input_rate_hz) / STEP_S) - 1
     assert 0.1 - yaw_rate[after_four] == pytest.approx(0.1 * (1.0 - gain) ** 4, rel=1e-3)
+
+
+@pytest.mark.parametrize(("thinning", "behind_s"), [("moving_average", 0.45), ("decimation", 0.0)])
+def test_averaged_positions_put_the_machine_where_it_was(thinning: Thinning, behind_s: float) -> None:
+    """Ten perfect positions a second, averaged to one: 4.5 samples before the stamp, 1.1 m at 2.5 m/s."""
+    speed, rate = profile((2.0, 0.0, 0.0), (5.0, 2.5, 0.0), (60.0, 2.5, 0.0))
+    truth = motion(speed, rate)
+    ticks = stream(speed, rate)
+    for index in range(4, len(ticks), 5):
+        ticks[index].append(gnss((index + 1) * STEP_NS, truth[index, 0], truth[index, 1], speed[index]))
+    setup = make_setup(sensors(gnss=True, gnss_xy=(0.0, 0.0)))
+    estimator = make(setup, input_rate_hz=1.0, thinning=thinning, noise={"gps": 1e-3})
+    east = column(estimator, play(estimator, ticks), "position_e_m")[:, 0]
+    assert truth[-1, 0] - east[-1] == pytest.approx(2.5 * behind_s, abs=0.01)
+
+
+@pytest.mark.parametrize("thinning", ["moving_average", "decimation"])
+def test_standstill_is_recognised_by_what_standing_looks_like_at_the_new_rate(thinning: Thinning) -> None:
+    """The thresholds come from a calibration of thinned samples: 5 % of the time is missed, as at the full rate.
+
+    30 members, 40 s and a memory of 0.5 s make some 2400 independent looks: 0.95 within 0.005, and the calibration's
+    200 samples know the variance within 10 %, which moves the share by 0.015. Twice both is allowed.
+    """
+    standing = np.zeros(3000)
+    ticks = stream(standing, standing, runs=30, **NOISE)
+    estimator = make(make_setup(runs=30), input_rate_hz=10.0, thinning=thinning, calibration_s=20.0)
+    found = column(estimator, play(estimator, ticks), "standstill")[1100:]
+    assert found.mean() == pytest.approx(0.95, abs=0.04)
