@@ -21,7 +21,7 @@ def scene_of(recording: Recording) -> Scene:
         BadInputError: the recording's scenario cannot be read, or its terrain file is not there any more.
     """
     scenario = loads(recording.scenario_toml, where=f"{recording.scenario_name}/scenario.toml")
-    machine = scenario.machine
+    machine, drawn = scenario.machine, scenario.recording.drawn
     driver = Driver(
         scenario.driver,
         start_e_n_heading=machine.vehicle_start,
@@ -42,5 +42,6 @@ def scene_of(recording: Recording) -> Scene:
         row_count=len(machine.rows_y_m),
         footprint_m=machine.footprint_m,
         paved=scenario.soil.preset == "asphalt",
+        hidden=frozenset(set(scenario.estimators) - set(drawn)) if drawn else frozenset(),
         segment_labels=driver.segment_names,
     )

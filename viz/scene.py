@@ -33,6 +33,8 @@ class Scene:
     by default a tractor with a planter's."""
     paved: bool = False
     """The ground is asphalt, not soil: for its colour."""
+    hidden: frozenset[str] = frozenset()
+    """Estimators that are not drawn."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, Strict, field_validator, model_validator
 
 from twin import paths
-from twin.config import Config, NonNegative, Positive, Probability
+from twin.config import Config, Names, NonNegative, Positive, Probability
 from twin.control.driver import DriverConfig
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
@@ -110,6 +110,9 @@ class RecordingConfig(Config):
     """Rate of the truth stream."""
     baseline_trace: bool = False
     """Keep what the estimators said once a second beside the baseline of the metrics."""
+    drawn: Names = ()
+    """Estimators drawn in the recording for the viewer, where there are too many for one picture; all if none is
+    named. The streams hold all of them either way."""
 
 
 class Scenario(Config):
@@ -165,10 +168,11 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
-        for key in ("reference", "causal_bound_of"):
-            named = getattr(self.scoring, key)
-            if named is not None and named not in self.estimators:
-                raise ValueError(f"scoring.{key}: {unknown(named, self.estimators, 'estimator')}")
+        named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
+        named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of")}
+        for key, name in named.items():
+            if name is not None and name not in self.estimators:
+                raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
         return self
 
     @model_validator(mode="after")
