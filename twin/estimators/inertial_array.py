@@ -25,10 +25,11 @@ from twin.signals import BoolArray, FloatArray
 
 ACCEL, GYRO = slice(0, 3), slice(3, 6)
 _TRIADS = (ACCEL, GYRO)
-_UNKNOWN_RATE_RAD_S = 0.3
-_UNKNOWN_FORCE_M_S2 = 3.0
-"""What is assumed of a body without any live gyroscope or accelerometer: it turns and accelerates, who knows how."""
-
+_UNKNOWN = np.array([3.0, 0.3])
+"""What is assumed of a body without any live accelerometer (m/s^2) or gyroscope (rad/s): it accelerates and turns, who
+knows how."""
+_FORGOTTEN_S = 0.5
+"""Time without a live sample after which that is so; sooner, the last one still says something."""
 
 _SUSPICIOUS = 4.0
 """Energy of a residual, times what noise and scale errors leave of it, from which on a unit is believed less."""
@@ -94,6 +95,8 @@ class InertialArray:
         self._last_rate: FloatArray | None = None
         self._turning_variance = np.zeros(runs)
         self._held = np.zeros((runs, 6))
+        self._held_variance = np.repeat(np.square(_UNKNOWN)[np.newaxis], runs, axis=0)
+        self._silent_s = np.full((runs, 2), _FORGOTTEN_S)
         self.weights: FloatArray = np.full((count, runs, 2), 1.0 / count)
         """(k, R, 2) share of each unit's accelerometers and gyroscopes in the last fused sample."""
 
@@ -123,11 +126,20 @@ class InertialArray:
         if self._watch:
             self._learn(transported, live, u)
         self._held = u
-        return Fused(
-            u=u,
-            accel_variance=np.where(known[:, 0], sample[:, 0], _UNKNOWN_FORCE_M_S2**2),
-            gyro_variance=np.where(known[:, 1], sample[:, 1], _UNKNOWN_RATE_RAD_S**2),
-        )
+        variance = self._variance(sample, known, steps)
+        return Fused(u=u, accel_variance=variance[:, 0], gyro_variance=variance[:, 1])
+
+    def _variance(self, sample: FloatArray, known: BoolArray, steps: int) -> FloatArray:
+        """Variance (R, 2) of the fused sample over the time since the last: what was not heard is known less and less.
+
+        ``sample`` (R, 2) is that of the live units' mean, where there are any (``known``).
+        """
+        gap_s = (steps - 1) * self._step_s
+        silent_s = np.where(known, gap_s, self._silent_s + gap_s + self._step_s)
+        self._silent_s = np.where(known, 0.0, silent_s)
+        self._held_variance = np.where(known, sample, self._held_variance)
+        variance: FloatArray = self._held_variance + np.square(_UNKNOWN * np.minimum(1.0, silent_s / _FORGOTTEN_S))
+        return variance
 
     def _lever_terms(self, rate: FloatArray, dt_s: float) -> FloatArray:
         """Acceleration of every unit against the reference, dw/dt x r + w x (w x r), (k, R, 3)."""
