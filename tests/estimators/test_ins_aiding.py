@@ -98,8 +98,11 @@ def test_no_fix_is_no_position_but_maybe_a_velocity() -> None:
     velocity, position = read(aid(), sample(quality=0))
     assert not position.mask[0]
     assert velocity.mask[0]
-    blind = report("gnss", T_NS, math.nan, math.nan, math.nan)
-    assert not any(each.mask[0] for each in read(aid(), blind))
+    for nothing in (math.nan, math.inf):
+        blind = report("gnss", T_NS, nothing, nothing, nothing)
+        values = blind.values.copy()
+        values[:, 4] = nothing
+        assert not any(each.mask[0] for each in read(aid(), replace(blind, values=values)))
 
 
 def test_velocity_is_east_and_north_with_the_noise_of_the_data_sheet_at_the_filter_s_speed() -> None:

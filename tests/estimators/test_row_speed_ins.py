@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests.estimators.planter import (
     IMU_COLUMNS,
@@ -224,6 +226,49 @@ def test_repeats_and_what_is_no_number_change_nothing() -> None:
         for name in ("speed_m_s", "position_e_m", "heading_rad", *ROW_COLUMNS):
             place = plain.columns.index(name)
             np.testing.assert_allclose(b.values[:, place], a.values[:, place], rtol=1e-9, atol=1e-9)
+
+
+TROUBLES = ["none", "none", "late", "lost", "nan", "spike", "twice", "ahead", "infinite"]
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), stop=st.booleans(), hard=st.floats(0.0, 1.0))
+def test_whatever_arrives_and_when_the_estimates_stay_finite_and_their_covariance_one(
+    seed: int, stop: bool, hard: float
+) -> None:
+    """Samples late by up to 1.5 s, lost, repeated, not a number, wild, or from a clock that is ahead, of any sensor."""
+    speed, rate = profile((0.6, 0.0, 0.0), (1.0, 1.5, 0.0), (0.8, 0.0 if stop else 1.5, 0.0))
+    rng = np.random.default_rng(seed)
+    arrivals: list[Measurement] = []
+    for m in (m for tick in Drive(speed, rate, runs=2, seed=1).ticks() for m in tick):
+        trouble = rng.choice(TROUBLES) if rng.random() < hard else "none"
+        values = m.values.copy()
+        member = rng.integers(2)
+        if trouble == "spike":
+            size = 4.0 if m.sensor in IMUS else 10.0 ** rng.integers(0, 5)  # units clip at their range
+            values[member] += rng.choice([-1.0, 1.0]) * size
+        if trouble in ("nan", "infinite"):
+            values[member, rng.integers(values.shape[1])] = math.nan if trouble == "nan" else math.inf
+        late_ns = STEP_NS * int(rng.integers(1, 75)) if trouble == "late" else 0
+        ahead_ns = STEP_NS * int(rng.integers(1, 30)) if trouble == "ahead" else 0
+        arriving = replace(m, values=values, t_ns=m.t_ns + ahead_ns, t_available_ns=m.t_ns + late_ns)
+        copies = {"lost": 0, "twice": 2}.get(str(trouble), 1)
+        arrivals += [arriving] * copies
+    arrivals.sort(key=lambda m: m.t_available_ns)
+    estimator = make(setup_of(runs=2))
+    told = 0
+    for k in range(len(speed)):
+        while told < len(arrivals) and arrivals[told].t_available_ns <= (k + 1) * STEP_NS:
+            estimator.process(arrivals[told])
+            told += 1
+        said = estimator.estimate((k + 1) * STEP_NS)
+        assert np.isfinite(said.values[:, : estimator.columns.index("standstill")]).all()
+        P = estimator.filter.engine.P
+        scale = np.sqrt(np.einsum("rii->ri", P))
+        assert (scale > 0.0).all()
+        correlation = P / (scale[:, :, np.newaxis] * scale[:, np.newaxis, :])
+        np.testing.assert_allclose(correlation, correlation.transpose(0, 2, 1), atol=1e-8)
+        assert np.linalg.eigvalsh(correlation).min() > -1e-8
 
 
 # --- hindsight ------------------------------------------------------------------------------------------------------

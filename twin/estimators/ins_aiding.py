@@ -133,7 +133,8 @@ class ReceiverAid:
         place = self._places.get(name)
         if place is None:
             return np.full(len(measurement.values), default)
-        return measurement.values[:, place]
+        values = measurement.values[:, place]
+        return np.where(np.isfinite(values), values, np.nan)
 
     def time_ns(self, measurement: Measurement) -> tuple[int, float]:
         """What time the sample is about, and how much later than usual it came if its stamp is right, s."""
