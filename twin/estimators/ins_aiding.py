@@ -7,7 +7,7 @@ the same. They are a cue of standstill, never a speed.
 **GNSS.** A position errs by a time-correlated part, a state of the filter with the size that the fix state allows, and
 a white part. A receiver's word is believed where such receivers are honest (a fixed solution), and not below a floor by
 fix state where they are not: a floating solution reports millimetres and errs by decimetres. Corrections that get old
-let the error grow (1.05 mm/s horizontally). The units' mounting tilt turns the lever arm, which adds to the
+let the error grow (0.74 mm/s an axis). The units' mounting tilt turns the lever arm, which adds to the
 correlated part. A change of the fix state is a new error. A sigma of zero or none means
 that the receiver does not know it. Velocity is north and east, behind the receiver's own filter, with the noise of its
 data sheet.
@@ -31,9 +31,9 @@ from twin.estimators.roles import ACCOSAT, POSITION_COLUMNS, SPEED_COLUMN, colum
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
 _FIXED = 4
-_AGE_GROWTH_M_S = 0.00105
-"""Horizontal growth of the error of a fixed solution with the age of its corrections, root of both axes: 0.74 mm/s
-each (lefebure.com, RTK accuracy against age of corrections)."""
+_AGE_GROWTH_M_S = 0.00074
+"""Growth of the horizontal error of a fixed solution with the age of its corrections, each axis (lefebure.com, RTK
+accuracy against age of corrections)."""
 _FRESH_S = 2.0
 _PULSE_SIGMA_M_S = 0.0005
 """Reading of a pulse period of some 20 ms with a timer of 10 us: 0.2 per mille of the speed."""
