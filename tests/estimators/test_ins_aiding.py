@@ -81,7 +81,7 @@ def test_what_is_new_in_every_sample_is_a_share_of_what_it_says_and_never_nothin
 
 
 def test_a_fix_errs_more_with_the_age_of_its_corrections() -> None:
-    """0.74 mm/s an axis after the first two seconds: 30 s old is 20.7 mm beside 3; a float is not better known for that."""
+    """0.74 mm/s an axis after the first two seconds: 30 s old is 20.7 mm beside 3; a float stays as it is."""
     assert sigma(with_age(sample(sigma_m=0.003), 2.0)) == pytest.approx(0.003)
     assert sigma(with_age(sample(sigma_m=0.003), 30.0)) == pytest.approx(math.hypot(0.003, 0.00074 * 28.0))
     assert sigma(with_age(sample(sigma_m=0.003), math.nan)) == pytest.approx(0.003)
