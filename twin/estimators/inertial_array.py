@@ -6,8 +6,10 @@ reading, so that leaving a unit out does not shift the bias of the fused one. Tw
 
 * **It repeats itself.** A live sensor is noisy: so many readings in a row that are equal in every axis of a triad mean
   that the triad is stuck, and it gets no weight until it moves again.
-* **It disagrees.** The variance of its residual (reading - d - fused), low-passed, beyond what its data sheet leaves
-  takes the place of the data sheet's in its weight: a unit with ten times the noise weighs a hundredth.
+* **It is noisy.** The variance of what changes quickly in its residual (reading - d - fused), low-passed, beyond what
+  its data sheet leaves takes the place of the data sheet's in its weight: a unit with ten times the noise weighs a
+  hundredth. What changes slowly in the residual does not count: in a turn that is the unit's scale error, and a weight
+  that followed it would change the scale of the fused gyroscope from turn to turn, which the filter has just learnt.
 
 Accelerometers and gyroscopes are judged apart. Moving a specific force from a unit at r to the reference takes
 f - w' x r - w x (w x r); w' is the difference of two fused rates over the step, whose noise telescopes in the velocity.
@@ -32,7 +34,7 @@ _FORGOTTEN_S = 0.5
 """Time without a live sample after which that is so; sooner, the last one still says something."""
 
 _SUSPICIOUS = 4.0
-"""Energy of a residual, times what noise and scale errors leave of it, from which on a unit is believed less."""
+"""Energy of a residual's quick part, times what noise and scale errors leave of it, that makes a unit count less."""
 _SETTLED = 25
 """Samples after which a unit's difference from the others is known well enough to judge it."""
 
@@ -89,6 +91,7 @@ class InertialArray:
         self._difference_samples = difference_s / step_s
         self._seen = np.zeros((count, runs))
         self._difference = np.zeros((count, runs, 6))
+        self._slow = np.zeros((count, runs, 6))
         self._energy = np.repeat(self._sheet, runs, axis=1)
         self._equal = np.zeros((count, runs, 2))
         self._last = np.full((count, runs, 6), np.nan)
@@ -178,6 +181,8 @@ class InertialArray:
         for place, triad in enumerate(_TRIADS):
             step = np.where(trusted[..., place], gain, 0.0)[..., np.newaxis]
             self._difference[..., triad] += step * left[..., triad]
-            energy = np.square(left[..., triad]).mean(axis=2)
+            quick = left[..., triad] - self._slow[..., triad]
+            energy = np.square(quick).mean(axis=2)
             follows = np.where(live[..., place] & settled, self._residual_gain, 0.0)
+            self._slow[..., triad] += follows[..., np.newaxis] * quick
             self._energy[..., place] += follows * (energy - self._energy[..., place])
