@@ -232,7 +232,9 @@ class Command:
     speed_m_s: float = 0.0
     """Wanted forward speed."""
     steering_rad: float = 0.0
-    """Wanted steering angle of the equivalent single front wheel, positive to the left."""
+    """Wanted steering angle of the equivalent single front wheel, positive to the left: for a machine that steers."""
+    yaw_rate_rad_s: float = 0.0
+    """Wanted rate of turn, positive to the left: for a machine that turns by the difference of its wheels' speeds."""
     brake: bool = False
     """Hold the parking brake."""
 

@@ -165,6 +165,12 @@ class Scenario(Config):
         return self
 
     @model_validator(mode="after")
+    def _machine_can(self) -> Self:
+        if not self.machine.turns_on_the_spot and any(segment.spin_deg is not None for segment in self.driver.path):
+            raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
+        return self
+
+    @model_validator(mode="after")
     def _rates_divide(self) -> Self:
         rates = {"recording.truth_hz": self.recording.truth_hz}
         rates |= {f"estimators.{name}.rate_hz": estimator.rate_hz for name, estimator in self.estimators.items()}

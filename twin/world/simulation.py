@@ -246,7 +246,7 @@ class World:
             north_m=float(root[1]),
             heading_rad=heading,
             speed_m_s=speed,
-            steering_rad=self._drive.diagnostics()[0],
+            steering_rad=self._drive.steering_rad,
         )
 
     def truth(self) -> FloatArray:
