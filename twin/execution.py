@@ -174,6 +174,7 @@ def open_world(loaded: LoadedScenario) -> World:
             seed=scenario.seed,
             dt_ns=scenario.dt_ns,
             path=_driver(scenario).path.polyline(),
+            magnetics=scenario.magnetics,
         )
 
 

@@ -210,9 +210,7 @@ class Driver:
         step = min(max(self._wanted_speed() - self._speed_m_s, -limit), limit)
         self._speed_m_s += step
         self._walk_offset(interval_s)
-        return Command(
-            speed_m_s=self._speed_m_s, steering_rad=steering, yaw_rate_rad_s=self._speed_m_s * curvature
-        )
+        return Command(speed_m_s=self._speed_m_s, steering_rad=steering, yaw_rate_rad_s=self._speed_m_s * curvature)
 
     def _advance(self, vehicle: VehicleState, interval_s: float) -> bool:
         """Move on to the leg the machine is in; tell whether the machine has to stand now."""

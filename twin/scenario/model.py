@@ -16,8 +16,9 @@ from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
+from twin.signals import JointNeed
 from twin.validation import did_you_mean
-from twin.world import MachineConfig, SoilConfig, TerrainConfig
+from twin.world import MachineConfig, MagneticsConfig, SoilConfig, TerrainConfig
 from twin.world.terrain import FileTerrain
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -126,6 +127,8 @@ class Scenario(Config):
     world: WorldConfig = WorldConfig()
     terrain: TerrainConfig
     soil: SoilConfig
+    magnetics: MagneticsConfig = MagneticsConfig()
+    """The earth's magnetic field, and magnets and iron in the field."""
     machine: MachineConfig
     driver: DriverConfig
     sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)
@@ -155,6 +158,10 @@ class Scenario(Config):
         for name, sensor in self.sensors.items():
             if sensor.mount not in self.machine.mounts:
                 raise ValueError(f"sensors.{name}.mount: {unknown(sensor.mount, self.machine.mounts, 'mount')}")
+            need = sensor.need(self.machine.mounts[sensor.mount].mount())
+            for joint in need.joints if isinstance(need, JointNeed) else ():
+                if joint not in self.machine.joint_names:
+                    raise ValueError(f"sensors.{name}: {unknown(joint, self.machine.joint_names, 'joint')}")
         for name, estimator in self.estimators.items():
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:

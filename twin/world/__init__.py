@@ -4,7 +4,8 @@ The configuration sections are light to import; only :mod:`twin.world.simulation
 """
 
 from twin.world.machines import MachineConfig
+from twin.world.magnetics import MagneticsConfig
 from twin.world.soil import SoilConfig
 from twin.world.terrain import TerrainConfig
 
-__all__ = ["MachineConfig", "SoilConfig", "TerrainConfig"]
+__all__ = ["MachineConfig", "MagneticsConfig", "SoilConfig", "TerrainConfig"]

@@ -1,16 +1,16 @@
 """A differential drive: two wheels on gear motors of their own, each with a speed loop.
 
-**Command.** Speed v and yaw rate psi' become wheel rates, (v -+ psi' b / 2) / r for left and right, with track b and the
-wheel's nominal radius r: the controller knows neither slip nor how far the tyre is pressed in. If one wheel is asked
-for more than its motor can turn, both are slowed alike, so that the path keeps its curvature.
+**Command.** Speed v and yaw rate w become wheel rates, (v - w b / 2) / r on the left and (v + w b / 2) / r on the
+right, with the track b and the wheels' nominal rolling radius r: the controller does not know how they slip. If one
+wheel is asked for more than its motor can turn, both are slowed alike, so that the path keeps its curvature.
 
 **Dead band.** A rate that the motor cannot hold because its gears stick is taken for zero.
 
 **Speed loop.** The set-point follows the command with a first-order lag; proportional and integral action on the
-wheel's rate, with acceleration and the gears' friction fed forward, asks for torque. A wheel that is to stand is left without current once
-it is slower than the dead band; its gears hold it.
+wheel's rate, with acceleration and the gears' friction fed forward, asks for torque. A wheel that is to stand is left
+without current once it is slower than the dead band; its gears hold it.
 
-**Motor.** A permanent-magnet motor on a battery: between +- full voltage u = 1 its torque at the wheel is
+**Motor.** A permanent-magnet motor on a battery: at a share u of the full voltage, -1 to 1, its torque at the wheel is
 M = M_stall (u - omega / omega_free), and its current is the stall current times M / M_stall. The friction of the gears
 is a dry moment on the wheel.
 """
@@ -82,7 +82,14 @@ class DifferentialDrive:
         self._torque = [0.0, 0.0]
         self.current_a = 0.0
 
-    def step(self, command: Command, q: list[float], qd: list[float], dt_s: float, out: Actuation) -> None:
+    def step(
+        self,
+        command: Command,
+        q: list[float],  # noqa: ARG002  (part of the protocol)
+        qd: list[float],
+        dt_s: float,
+        out: Actuation,
+    ) -> None:
         """Advance by one step from joint rates, and fill ``out``."""
         spec = self._spec
         powered = self.engaged and not command.brake
