@@ -2,11 +2,11 @@
 
 A fork light barrier (the LM393 modules of paper 001, section 2.1) gives one pulse per slot that passes. It cannot tell
 forwards from backwards; whoever counts takes the direction from what the motor was told. Here the count is signed by
-the wheel's true direction, which differs from the drive command's only while a wheel is still running out or is pushed.
+the wheel's true direction, which differs from the drive command's only while a wheel still runs out or is pushed.
 
-With n slots and the wheel turned by an angle a since the start, floor(n a / (2 pi) + p) - floor(p) slots have passed; the
-phase p, where the disc stood at the start, is drawn once per wheel and run. A slot may be missed (dirt, a bounce of the
-light, an interrupt lost): each slot that passes is counted with the probability 1 - ``missed_slot_probability``, and a
+With n slots and the wheel turned by an angle a since the first sample, floor(n a / (2 pi) + p) slots have passed; the
+phase p in (0, 1), where the disc stood then, is drawn once per wheel and run. A slot may be missed (dirt, a bounce of
+the light, an interrupt lost): each that passes is counted with the probability 1 - ``missed_slot_probability``, and a
 missed one is missing from then on.
 
 The truth of the counts is n a / (2 pi): so the recorded error shows phase, rounding and missed slots together.
@@ -48,7 +48,7 @@ class WheelEncodersConfig(SensorConfig):
 
 
 class WheelEncoders(Sensor):
-    """Counts of both wheels since the start: whole numbers, growing when the wheel turns forwards."""
+    """Counts of both wheels since the first sample: whole numbers, growing when the wheel turns forwards."""
 
     columns = (LEFT_SLOTS, RIGHT_SLOTS)
     error_columns = columns
@@ -97,6 +97,6 @@ class WheelEncoders(Sensor):
             "missed_slot_probability": config.missed_slot_probability,
         }
 
-    def _error_sigma(self, config: SensorConfig) -> FloatArray:
+    def _error_sigma(self, config: SensorConfig) -> FloatArray:  # noqa: ARG002  (part of the protocol)
         """Rounding down with a drawn phase: uniform over one slot."""
         return np.full(2, math.sqrt(1.0 / 12.0))

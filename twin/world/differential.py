@@ -51,6 +51,8 @@ class DifferentialSpec:
     """Dry moment of the brake on each wheel, beyond the gears' friction."""
 
 
+_TOP_SHARE = 0.7
+"""Largest wheel rate that is asked for, of the free rate: under load a motor does not reach more."""
 _LOOP_1_S = 60.0
 """Bandwidth of the speed loop."""
 _INTEGRAL_S = 0.05
@@ -112,8 +114,8 @@ class DifferentialDrive:
         difference = 0.5 * command.yaw_rate_rad_s * spec.track_m
         left = (command.speed_m_s - difference) / spec.radius_m
         right = (command.speed_m_s + difference) / spec.radius_m
-        largest = max(abs(left), abs(right), spec.free_rate_rad_s)
-        share = spec.free_rate_rad_s / largest
+        top = _TOP_SHARE * spec.free_rate_rad_s
+        share = top / max(abs(left), abs(right), top)
         left, right = (rate * share if abs(rate) >= spec.dead_band_rad_s else 0.0 for rate in (left, right))
         return left, right
 

@@ -6,7 +6,7 @@ these are choices:
 
 - 1.3 kg, of which a ball caster 0.11 m ahead of the axle carries a fifth. The ball turns in its socket any way: it
   rolls forward and finds a twentieth of the soil's grip when dragged sideways (friction about 0.05).
-- Yellow 1:48 gear motors on 6 V as such kits have them (seller's figures): 200 turns a minute without load, 0.08 N m at
+- Yellow 1:48 gear motors on two lithium cells, as such kits have them: 250 turns a minute without load, 0.08 N m at
   standstill with 1.2 A, gears whose friction is 0.006 N m; the rotor, seen through the gears, gives most of the
   wheel's 1.5e-4 kg m2.
 - Solid rubber tyres: 10 kN/m and 9 N s/m. They are pressed in by half a millimetre; 3.30 cm is what they roll on then.
@@ -154,7 +154,7 @@ SMALL = RobotSize(
     tyre_stiffness_n_m=10e3,
     tyre_damping_n_s_m=9.0,
     stall_torque_n_m=0.08,
-    free_rate_rad_s=2.0 * math.pi * 200.0 / 60.0,
+    free_rate_rad_s=2.0 * math.pi * 250.0 / 60.0,
     stall_current_a=1.2,
     gear_friction_n_m=0.006,
     dead_band_rad_s=0.15,

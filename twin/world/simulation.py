@@ -70,12 +70,12 @@ class World:
         terrain: Terrain,
         soil: Soil,
         machine: MachineModel,
-        magnetics: MagneticsConfig,
+        magnetics: MagneticsConfig | None = None,
         seed: int,
         dt_ns: int = 2_000_000,
     ) -> None:
         self.terrain = terrain
-        self.magnetics = Magnetics(magnetics, terrain)
+        self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
         self.machine = machine
         self.seed = seed
         self.dt_ns = dt_ns
@@ -362,7 +362,7 @@ def build_world(
         terrain=ground,
         soil=soil.soil(),
         machine=model,
-        magnetics=magnetics if magnetics is not None else MagneticsConfig(),
+        magnetics=magnetics,
         seed=seed,
         dt_ns=dt_ns,
     )
