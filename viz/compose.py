@@ -10,6 +10,9 @@ from twin.scenario import loads
 from twin.world.terrain import build_terrain, wanted_extent
 from viz.scene import Scene
 
+_PATH_STEP_M = 0.5
+"""Of the drawn path; a tenth of it for machines that turn within their own length."""
+
 
 def scene_of(recording: Recording) -> Scene:
     """Machine, ground and planned path of a recording.
@@ -28,7 +31,7 @@ def scene_of(recording: Recording) -> Scene:
         wheelbase_m=machine.wheelbase_m,
         seed=recording.seed,
     )
-    path = driver.path.polyline()
+    path = driver.path.polyline(_PATH_STEP_M if not machine.turns_on_the_spot else 0.1 * _PATH_STEP_M)
     terrain = recording.terrain
     if terrain is None:
         extent = wanted_extent(np.vstack([path, machine.vehicle_start[:2]]), machine.reach_m)

@@ -9,7 +9,9 @@ import numpy as np
 
 from twin.signals import FloatArray
 
-_BEYOND_M = 1.0
+_BEYOND_M, _BEYOND_SHARE = 1.0, 0.45
+"""Tyres and bodywork reach this far beyond the footprint: a metre, or this share of a small machine's diagonal."""
+_FULL_SIZE_M = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,9 +46,15 @@ class Scene:
 
     @property
     def machine_size_m(self) -> float:
-        """Diagonal of the machine's footprint, with a metre all round for tyres and bodywork."""
+        """Diagonal of the machine's footprint, with room all round for tyres and bodywork."""
         (back, right), (front, left) = self.footprint_m
-        return float(np.hypot(front - back + 2.0 * _BEYOND_M, left - right + 2.0 * _BEYOND_M))
+        beyond = min(_BEYOND_M, _BEYOND_SHARE * float(np.hypot(front - back, left - right)))
+        return float(np.hypot(front - back + 2.0 * beyond, left - right + 2.0 * beyond))
+
+    @property
+    def scale(self) -> float:
+        """How small all that goes with the machine (heights of lines above ground, textures) is drawn: 1 for a car."""
+        return min(1.0, self.machine_size_m / _FULL_SIZE_M)
 
     @property
     def outer_rows(self) -> tuple[int, ...]:

@@ -36,7 +36,7 @@ def board(colour: str, size: RobotSize, share: tuple, xyz: tuple) -> str:
 
 def chassis_visuals(size: RobotSize) -> list[str]:
     length, width, _ = size.chassis_size_m
-    deck, middle = size.deck_z_m, 0.35 * length - 0.25 * size.caster_x_m
+    deck, middle = size.deck_z_m, size.deck_x_m
     inner = size.track_m - size.wheel_width_m
     thick = 0.02 * length
     radius = size.wheel_radius_m

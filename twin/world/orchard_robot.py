@@ -73,6 +73,11 @@ class RobotSize:
     """Height of the upper deck above the axle."""
 
     @property
+    def deck_x_m(self) -> float:
+        """Middle of the decks ahead of the axle."""
+        return 0.35 * self.chassis_size_m[0] - 0.25 * self.caster_x_m
+
+    @property
     def chassis_mass_kg(self) -> float:
         """What is neither wheel nor ball."""
         return self.mass_kg - 2.0 * self.wheel_mass_kg - self.caster_mass_kg
@@ -133,8 +138,8 @@ class RobotSize:
             "encoders": (0.0, 0.0, 0.0),
             "imu": (0.25 * self.caster_x_m, 0.0, deck + 0.008),
             "magnetometer": (-0.25 * self.caster_x_m, 0.0, self.mast_m),
-            "lidar": (front, 0.0, deck + 0.055),
-            "camera": (1.25 * self.caster_x_m, 0.0, deck + 0.035),
+            "lidar": (front, 0.0, 2.3 * deck),
+            "camera": (self.deck_x_m + 0.47 * self.chassis_size_m[0], 0.0, 1.8 * deck),
         }
         return {name: MountConfig(body="chassis", xyz_m=place) for name, place in places.items()}
 
