@@ -152,9 +152,36 @@ class MagneticField:
     """Current that the machine's motors draw together; zero where there are none."""
 
 
-Need = MotionNeed | JointNeed | MagneticNeed
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayNeed:
+    """A sensor needs to know how far beams of light go from its mount, sent one after the other by a turning head."""
+
+    mount: Mount
+    bearings_rad: tuple[float, ...]
+    """Of the beams in the order in which they are sent, counter-clockwise from the mount's x axis in its x-y plane."""
+    reach_m: float
+    """Nothing farther is looked for."""
+    sweep_s: float
+    """Time from the first beam to the last, which is sent when the sensor samples."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayScan:
+    """How far beams went."""
+
+    t_ns: int
+    """When the last was sent."""
+    position_enu_m: FloatArray
+    """(3,) of the mount then."""
+    distance_m: FloatArray
+    """(n,) infinite where a beam met nothing within its reach."""
+    illuminance_lux: float
+    """How bright it was."""
+
+
+Need = MotionNeed | JointNeed | MagneticNeed | RayNeed
 """What a sensor may ask for; a new kind is answered by :mod:`twin.world.watch`."""
-Capture = MountMotion | JointMotion | MagneticField
+Capture = MountMotion | JointMotion | MagneticField | RayScan
 
 
 # --- what sensors give -----------------------------------------------------------------------------------------------

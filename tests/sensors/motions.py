@@ -27,6 +27,8 @@ from twin.signals import (
     Mount,
     MountMotion,
     Need,
+    RayNeed,
+    RayScan,
 )
 
 DT_NS = 2_000_000
@@ -137,7 +139,7 @@ WHEEL_RADIUS_M = 0.033
 
 
 def shown(need: Need, motion: MountMotion) -> Capture:
-    """What a world would show a sensor with this need: wheels roll with the mount, no magnet, no motor runs."""
+    """What a world would show: wheels roll with the mount, no magnet, no motor runs, all round a wall at 1 m."""
     place: dict[str, Any] = {"t_ns": motion.t_ns, "position_enu_m": motion.position_enu_m}
     match need:
         case JointNeed():
@@ -145,6 +147,8 @@ def shown(need: Need, motion: MountMotion) -> Capture:
             return JointMotion(**place, angle_rad=np.full(len(need.joints), turned))
         case MagneticNeed():
             return MagneticField(**place, field_ut=EARTH.enu_ut @ motion.rotation, motor_current_a=0.0)
+        case RayNeed():
+            return RayScan(**place, distance_m=np.full(len(need.bearings_rad), 1.0), illuminance_lux=500.0)
         case _:
             return motion
 

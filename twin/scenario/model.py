@@ -18,7 +18,7 @@ from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
 from twin.signals import JointNeed
 from twin.validation import did_you_mean
-from twin.world import MachineConfig, MagneticsConfig, SoilConfig, TerrainConfig
+from twin.world import LightConfig, MachineConfig, MagneticsConfig, OrchardConfig, SoilConfig, TerrainConfig
 from twin.world.terrain import FileTerrain
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -127,6 +127,10 @@ class Scenario(Config):
     world: WorldConfig = WorldConfig()
     terrain: TerrainConfig
     soil: SoilConfig
+    orchard: OrchardConfig = OrchardConfig()
+    """Trees; without them there are none."""
+    light: LightConfig = LightConfig()
+    """How bright it is."""
     magnetics: MagneticsConfig = MagneticsConfig()
     """The earth's magnetic field, and magnets and iron in the field."""
     machine: MachineConfig
@@ -197,7 +201,7 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _bounded_memory(self) -> Self:
-        rates = [s.rate_hz * 40 for s in self.sensors.values()]
+        rates = [s.rate_hz * s.recorded_columns for s in self.sensors.values()]
         rates += [estimator.rate_hz * 80 for estimator in self.estimators.values()]
         if self.seeding is not None:
             rates += [self.seeding.largest_rate_hz * len(self.machine.rows_y_m) * 6] * len(self.estimators)

@@ -62,6 +62,11 @@ class SensorConfig(Config):
     """Of losing one sample, in each run independently."""
     faults: FaultList = ()
 
+    @property
+    def recorded_columns(self) -> int:
+        """About how many numbers a sample leaves in memory."""
+        return 40
+
     def need(self, mount: Mount) -> Need:
         """What a sensor on this mount asks the world for."""
         return MotionNeed(mount=mount)

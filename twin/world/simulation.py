@@ -30,8 +30,10 @@ from twin.signals import (
 )
 from twin.world import dynamics, tyres
 from twin.world.body import PhysicsBody
+from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.magnetics import Magnetics, MagneticsConfig
+from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
 from twin.world.soil import Soil, SoilConfig
 from twin.world.statics import spring_preloads, static_loads
 from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
@@ -60,8 +62,8 @@ class World:
     sensor needs is shown to whoever :meth:`watch`-es it.
 
     Raises:
-        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a magnet
-            does not lie on it.
+        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree or
+            a magnet does not lie on it.
     """
 
     def __init__(
@@ -70,11 +72,15 @@ class World:
         terrain: Terrain,
         soil: Soil,
         machine: MachineModel,
+        trunks: FloatArray | None = None,
         magnetics: MagneticsConfig | None = None,
+        light: LightConfig | None = None,
         seed: int,
         dt_ns: int = 2_000_000,
     ) -> None:
         self.terrain = terrain
+        self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
+        self._light = light if light is not None else LightConfig()
         self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
         self.machine = machine
         self.seed = seed
@@ -141,7 +147,10 @@ class World:
             urdf=urdf,
             links=self._links,
             joint_angles=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
+            terrain=self.terrain,
+            trunks=self.trunks,
             magnetics=self.magnetics,
+            light=self._light,
             current_a=lambda: self._drive.current_a,
             dt_ns=self.dt_ns,
         )
@@ -333,12 +342,14 @@ def build_world(
     seed: int,
     dt_ns: int = 2_000_000,
     path: FloatArray | None = None,
+    orchard: OrchardConfig | None = None,
     magnetics: MagneticsConfig | None = None,
+    light: LightConfig | None = None,
 ) -> World:
     """Make the world of a scenario.
 
     ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
-    made to cover it with the machine's reach around, or, if its size is configured, has to.
+    made to cover it with the machine's reach around (and all trees), or, if its size is configured, has to.
 
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
@@ -346,7 +357,9 @@ def build_world(
     model = machine.model()
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
-    ground = build_terrain(terrain, seed=seed, extent=wanted)
+    trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
+    covered = wanted_extent(np.vstack([points, trunks[:, :2]]), machine.reach_m)
+    ground = build_terrain(terrain, seed=seed, extent=covered)
     west, south, east, north = ground.extent
     if (
         wanted[0] + MARGIN_M < west
@@ -362,7 +375,9 @@ def build_world(
         terrain=ground,
         soil=soil.soil(),
         machine=model,
+        trunks=trunks,
         magnetics=magnetics,
+        light=light,
         seed=seed,
         dt_ns=dt_ns,
     )

@@ -24,9 +24,15 @@ from twin.signals import (
     Mount,
     MountMotion,
     Need,
+    RayNeed,
+    RayScan,
 )
 from twin.world import dynamics
+from twin.world.light import LightConfig
 from twin.world.magnetics import Magnetics
+from twin.world.orchard import cast
+from twin.world.sweep import swept_beams
+from twin.world.terrain import Terrain
 from twin.world.urdf import Urdf
 
 
@@ -42,7 +48,10 @@ class Watch:
         urdf: the machine.
         links: rows of all links; read whenever something is captured.
         joint_angles: (J,) angles of all joints, likewise.
+        terrain: the ground.
+        trunks: the trees on it (see :mod:`twin.world.orchard`).
         magnetics: the magnetic field.
+        light: how bright it is.
         current_a: tells the current that the motors draw.
         dt_ns: length of a step.
     """
@@ -53,7 +62,10 @@ class Watch:
         urdf: Urdf,
         links: FloatArray,
         joint_angles: FloatArray,
+        terrain: Terrain,
+        trunks: FloatArray,
         magnetics: Magnetics,
+        light: LightConfig,
         current_a: Callable[[], float],
         dt_ns: int,
     ) -> None:
@@ -64,11 +76,15 @@ class Watch:
         self._urdf = urdf
         self._links = links
         self._angles = joint_angles
+        self._terrain = terrain
+        self._trunks = trunks
         self._magnetics = magnetics
+        self._light = light
         self._current_a = current_a
         self._dt_ns = dt_ns
         self._needs: dict[str, Need] = {}
         self._joints: dict[str, list[int]] = {}
+        self._last_pose: dict[str, tuple[int, tuple[FloatArray, FloatArray]]] = {}
         self._accumulator: dict[str, int] = {}
         self._started_tick: dict[str, int] = {}
 
@@ -79,6 +95,8 @@ class Watch:
             self._accumulate(name, need, tick)
         elif isinstance(need, JointNeed):
             self._joints[name] = [self._urdf.joint_index(joint) for joint in need.joints]
+        elif isinstance(need, RayNeed):
+            self._last_pose[name] = tick, self._pose(need.mount)
 
     def capture(self, name: str, tick: int) -> Capture:
         """Answer a need now; what is a mean is one since the previous capture of that name."""
@@ -100,6 +118,8 @@ class Watch:
                     field_ut=self._magnetics.field_ut(position, t_ns / NS_PER_S) @ rotation,
                     motor_current_a=self._current_a(),
                 )
+            case RayNeed():
+                return self._scan(name, need, tick)
             case _:
                 assert_never(need)
 
@@ -108,6 +128,22 @@ class Watch:
         row = np.empty(15)
         dynamics.place_mount(self._links[self._urdf.link_index(mount.body)], mount_row(mount), row)
         return row[:3], row[3:12].reshape(3, 3)
+
+    def _scan(self, name: str, need: RayNeed, tick: int) -> RayScan:
+        """Beams sent since the previous capture, from where the mount was then to where it is now."""
+        before_tick, before = self._last_pose[name]
+        now = self._pose(need.mount)
+        self._last_pose[name] = tick, now
+        t_ns, passed_s = tick * self._dt_ns, (tick - before_tick) * self._dt_ns / NS_PER_S
+        share = min(1.0, need.sweep_s / passed_s) if passed_s > 0.0 else 0.0
+        origins, directions = swept_beams(before, now, np.array(need.bearings_rad), share)
+        ground = self._terrain
+        distance = np.empty(len(origins))
+        highest = float(ground.heights.max())
+        grid = ground.west_m, ground.south_m, ground.cell_m
+        cast(origins, directions, need.reach_m, self._trunks, ground.heights, *grid, highest, distance)
+        lux = self._light.at(t_ns / NS_PER_S)
+        return RayScan(t_ns=t_ns, position_enu_m=now[0], distance_m=distance, illuminance_lux=lux)
 
     def _accumulate(self, name: str, need: MotionNeed, tick: int) -> None:
         mount, body = mount_row(need.mount), self._urdf.link_index(need.mount.body)
