@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,14 @@ class Scene:
     by default a tractor with a planter's."""
     paved: bool = False
     """The ground is asphalt, not soil: for its colour."""
+    trunks: FloatArray = field(default_factory=lambda: np.zeros((0, 5)))
+    """(N, 5) trunks of trees: east, north, radius, bottom, top, m."""
+    magnets: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    """(K, 4) east, north, up and radius, m."""
+    iron: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    """(K, 4) likewise of soft iron."""
+    scanners: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Where lidars sit on the machine's root link, by the sensor's name, m."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 
