@@ -142,6 +142,9 @@ def test_what_the_machine_has_not_is_refused(scenario_file: Path) -> None:
     planter = [("machine", {"kind": "planter_f8"}), ("sensors", {})]
     with pytest.raises(BadInputError, match="spin_deg: a planter_f8 cannot turn on the spot"):
         load(scenario_file, settings=planter)
+    tight = [*planter, ("driver.path", [{"turn_deg": 90.0, "radius_m": 0.5}])]
+    with pytest.raises(BadInputError, match=r"radius_m = 0\.5: a planter_f8 turns on 1 m or more"):
+        load(scenario_file, settings=tight)
 
 
 def test_a_magnet_off_the_ground_is_named_with_its_file(scenario_file: Path) -> None:

@@ -12,8 +12,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import drawing
-from drawing import Builder, box, revolve, rim_mesh, rod, tyre_profile, wheel_visuals
+from drawing import Builder, box, mesh, revolve, rim_mesh, rod, tyre_profile, wheel_visuals
 
 from twin.world.orchard_robot import CASTER, DRIVEN, LARGE, SMALL, RobotSize
 
@@ -93,11 +92,18 @@ def sensor_visuals(size: RobotSize, thick: float) -> list[str]:
     return parts
 
 
+def ball_profile(radius: float) -> list[tuple[float, float]]:
+    """Half a circle, from one pole to the other, and back along the axis."""
+    angles = [math.pi * (step / 12.0 - 0.5) for step in range(13)]
+    return [(max(0.0, radius * math.cos(angle)), radius * math.sin(angle)) for angle in angles]
+
+
 def build(name: str, size: RobotSize) -> None:
     radius, width = size.wheel_radius_m, size.wheel_width_m
     meshes = {
         "tyre": revolve(tyre_profile(radius, width, 0.72 * radius), 36),
         "rim": rim_mesh(0.72 * radius, width, 5, 1.0),
+        "ball": revolve(ball_profile(size.caster_radius_m), 24),
     }
     urdf = Builder(name, COLOURS)
     mass = size.chassis_mass_kg
@@ -112,8 +118,7 @@ def build(name: str, size: RobotSize) -> None:
         urdf.link(hub, size.wheel_mass_kg, (0, 0, 0), (spin / 2, spin, spin / 2), wheel_visuals(name, "", "rim", side))
         urdf.joint(joint, "chassis", hub, (0, side * size.track_m / 2, 0), (0, 1, 0))
     ball = 0.4 * size.caster_mass_kg * size.caster_radius_m**2
-    picture = drawing.shape("steel", f'<sphere radius="{size.caster_radius_m:g}"/>')
-    urdf.link("caster", size.caster_mass_kg, (0, 0, 0), (ball, ball, ball), [picture])
+    urdf.link("caster", size.caster_mass_kg, (0, 0, 0), (ball, ball, ball), [mesh("steel", f"{name}/ball")])
     urdf.joint(CASTER, "chassis", "caster", (size.caster_x_m, 0, size.caster_radius_m - radius), (0, 1, 0))
     urdf.write(HERE, meshes)
 

@@ -112,7 +112,10 @@ def test_counts_and_range_are_the_data_sheets(name: str, lsb_ut: float, largest_
 
 
 def test_the_presets_noise_is_what_the_paper_measured_at_rest() -> None:
-    log = drive(sensor(preset("mag_qmc5883l"), runs=range(20)), STANDING, 10.0)
+    device = sensor(preset("mag_qmc5883l"), runs=range(20))
+    assert device.info.datasheet["mag_noise_ut"] == pytest.approx(math.sqrt((0.236**2 + 0.303**2 + 0.696**2) / 3.0))
+    assert device.info.datasheet["mag_noise_x_ut"] == 0.236
+    log = drive(device, STANDING, 10.0)
     values = np.stack([measurement.values for measurement in log.measurements])
     # 20 x 500 samples: 0.7 %; four.
     np.testing.assert_allclose(values.std(axis=0).mean(axis=0), [0.236, 0.303, 0.696], rtol=0.03)

@@ -23,6 +23,7 @@ from twin.world.terrain import FileTerrain
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _LARGEST_RECORDING_BYTES = 4e9
+_TIGHTEST_STEERED_M = 1.0
 
 
 class WorldConfig(Config):
@@ -177,8 +178,16 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _machine_can(self) -> Self:
-        if not self.machine.turns_on_the_spot and any(segment.spin_deg is not None for segment in self.driver.path):
-            raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
+        if self.machine.turns_on_the_spot:
+            return self
+        for segment in self.driver.path:
+            if segment.spin_deg is not None:
+                raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
+            if segment.radius_m is not None and segment.radius_m < _TIGHTEST_STEERED_M:
+                raise ValueError(
+                    f"driver.path: radius_m = {segment.radius_m:g}: a {self.machine.kind} turns on"
+                    f" {_TIGHTEST_STEERED_M:g} m or more"
+                )
         return self
 
     @model_validator(mode="after")

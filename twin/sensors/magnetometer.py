@@ -93,9 +93,9 @@ class Magnetometer(Sensor):
 
     def _datasheet(self, config: SensorConfig) -> dict[str, float]:
         assert isinstance(config, MagnetometerConfig)
-        sheet = {f"{column}_noise_ut": sigma for column, sigma in zip(("x", "y", "z"), config.noise_ut, strict=True)}
+        sheet = {f"mag_noise_{axis}_ut": sigma for axis, sigma in zip("xyz", config.noise_ut, strict=True)}
         sheet |= {
-            "noise_ut": float(np.sqrt(np.mean(np.square(config.noise_ut)))),
+            "mag_noise_ut": float(np.sqrt(np.mean(np.square(config.noise_ut)))),
             "hard_iron_ut": config.hard_iron_ut,
             "soft_iron_ratio": config.soft_iron_ratio,
             "scale_error_ratio": config.scale_error_ratio,
