@@ -28,7 +28,8 @@ from twin.scoring import bus
 from twin.scoring.checks import require_known
 from twin.scoring.consistency import NIS_PREFIX
 from twin.scoring.envelopes import Envelope
-from twin.scoring.metrics import Scorer, metric_names, motion_metrics
+from twin.scoring.metrics import Scorer, metric_names
+from twin.scoring.motion import motion_metrics
 from twin.signals import NS_PER_S, FloatArray, IntArray
 
 BLOCK = 500

@@ -30,7 +30,7 @@ def scene_of(recording: Recording) -> Scene:
         BadInputError: the recording's scenario cannot be read, or its terrain file is not there any more.
     """
     scenario = loads(recording.scenario_toml, where=f"{recording.scenario_name}/scenario.toml")
-    machine = scenario.machine
+    machine, drawn = scenario.machine, scenario.recording.drawn
     driver = Driver(
         scenario.driver,
         start_e_n_heading=machine.vehicle_start,
@@ -57,6 +57,7 @@ def scene_of(recording: Recording) -> Scene:
         magnets=_on_ground(scenario.magnetics.magnets, terrain),
         iron=_on_ground(scenario.magnetics.iron, terrain),
         scanners=_scanners(scenario),
+        hidden=frozenset(set(scenario.estimators) - set(drawn)) if drawn else frozenset(),
         segment_labels=driver.segment_names,
     )
 

@@ -44,6 +44,8 @@ class Scene:
     """(K, 4) likewise of soft iron."""
     scanners: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Where lidars sit on the machine's root link, by the sensor's name, m."""
+    hidden: frozenset[str] = frozenset()
+    """Estimators that are not drawn."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 

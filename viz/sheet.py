@@ -71,8 +71,8 @@ class Run:
 
     @property
     def estimators(self) -> list[str]:
-        """Names of the estimators."""
-        return self.recording.names("estimates")
+        """Names of the estimators that are drawn."""
+        return [name for name in self.recording.names("estimates") if name not in self.scene.hidden]
 
     @property
     def colours(self) -> dict[str, entities.Colour]:

@@ -135,7 +135,7 @@ def test_several_scenarios_end_with_one_table(tmp_path: Path) -> None:
         "with_published", *first.split(".", 1), f"{ours[first]:.3g}", "0.1", f"{ours[first] / 0.1:.3g}", "pass"
     ]  # fmt: skip
     assert by_first["radar_only"] == [*second.split(".", 1), f"{ours[second]:.3g}", "0.2", f"{ours[second] / 0.2:.3g}"]
-    assert by_first["without"][:3] == ["without", "central", "position.rmse_m"]
+    assert by_first["without"][:3] == ["without", "radar_only", "row_speed.mean_abs_error_m_s"]
     assert by_first["without"][-1] == "fail"
     assert ran.stdout.rstrip().endswith("2 scenarios: 1 pass 1 fail; 0 of 1 checks hold")
 
@@ -171,20 +171,29 @@ def test_the_table_fits_a_terminal_of_120_columns_and_breaks_no_figure() -> None
         assert any(all(cell in line.split() for cell in cells) for line in lines), (cells, lines)
 
 
-def test_scenarios_without_published_figures_have_one_line() -> None:
-    checked = {"central.position.rmse_m": 0.25, "central.row_speed.mean_abs_error_m_s": 0.5}
+def test_every_estimator_has_a_line_with_what_it_does_to_the_crop() -> None:
+    speed, crop = "row_speed.mean_abs_error_turns_m_s", "seeds.mean_abs_population_error_turns_percent"
+    metrics = {
+        f"radar_only.{speed}": 0.5, f"radar_only.{crop}": 12.5, f"central.{speed}": 0.25, f"central.{crop}": 0.5,
+        "central.consistency.nees": 9.0,
+    }  # fmt: skip
+    estimators = {
+        "radar_only": {"kind": "radar_only", "sensors": ["radar"]},
+        "central": {"kind": "row_speed_ekf", "sensors": ["imu_1", "radar"]},
+    }
     lines = _printed([
-        _verdict("plain", {"central.consistency.nees": 9.0, "central.row_speed.mean_abs_error_m_s": 0.5}),
-        _verdict("checked", checked, checks=[{"metric": "central.position.rmse_m", "max": 1.0}]),
-        _verdict("nothing_known", {"central.row_speed.mean_abs_error_m_s": math.nan}),
+        _verdict("plain", metrics, estimators=estimators),
+        _verdict("published", metrics, estimators=estimators, published={f"central.{speed}": 0.5}),
+        _verdict("nothing_known", {f"central.{speed}": math.nan}),
         Crash(scenario="broken", trace="..."),
     ])  # fmt: skip
     rows = [line.split() for line in lines if line.strip()]
-    # The first headline metric that is known, or the metric of the first check; without any the verdict alone.
-    assert rows[-5:-1] == [
-        ["plain", "central", "row_speed.mean_abs_error_m_s", "0.5", "pass"],
-        ["checked", "central", "position.rmse_m", "0.25", "pass"],
+    assert rows[-7:-1] == [
+        ["plain", "radar_only", speed, "0.5", "12.5", "pass"],
+        ["central", speed, "0.25", "0.5"],
+        ["published", "central", speed, "0.25", "0.5", "0.5", "0.5", "pass"],
+        ["radar_only", speed, "0.5", "12.5"],
         ["nothing_known", "pass"],
         ["broken", "crashed"],
     ]
-    assert lines[-1] == "4 scenarios: 3 pass 1 crashed; 1 of 1 checks hold"
+    assert lines[-1] == "4 scenarios: 3 pass 1 crashed; 0 of 0 checks hold"

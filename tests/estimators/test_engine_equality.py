@@ -48,6 +48,13 @@ def troubled(engine: str) -> LoadedScenario:
         }
         for architecture, noise in (("central", "published"), ("central", "reported"), ("distributed", "reported"))
     }
+    filters["central_averaged"] = {**filters["central_published"], "input_rate_hz": 10.0}
+    filters["distributed_picked"] = {
+        **filters["distributed_reported"],
+        "input_rate_hz": 5.0,
+        "thinning": "decimation",
+    }
+    filters["ins"] = {"kind": "row_speed_ins", "sensors": SENSORS, "engine": engine}
     table = small_scenario(
         duration_s=12.0,
         driver={"path": [{"stop_s": 2.0}, {"straight_m": 6.0}, {"stop_s": 1.0}, {"turn_deg": 30.0, "radius_m": 12.0}]},
@@ -96,6 +103,10 @@ def test_the_troubles_were_at_work(by_ensemble: Recording) -> None:
     assert np.nanmax(np.ptp(spread, axis=1)) > 0.1
     standing = by_ensemble.estimates("central_published").column("standstill")
     assert 0.2 < standing.mean() < 0.8
+    ins = by_ensemble.estimates("ins")
+    assert 0.1 < ins.column("standstill").mean() < 0.6
+    assert np.nanmax(ins.column("nis_radar")) > 100.0  # spikes of 2 m/s: far beyond the gate of 25
+    assert (np.diff(np.isnan(ins.column("nis_gnss_position")).sum(axis=1)) != 0).sum() > 20
     assert not np.array_equal(
         by_ensemble.estimates("central_published").values, by_ensemble.estimates("central_reported").values
     )

@@ -9,7 +9,7 @@ import pytest
 from tests.small_scenario import small_scenario
 from twin.recording import Stream, covariance_column
 from twin.scenario import Scenario, resolve
-from twin.scoring.consistency import NEES_PERIOD_NS, nees, state_columns
+from twin.scoring.consistency import NEES_PERIOD_NS, nees, nis_degrees, state_columns
 from twin.scoring.ensemble import over_worlds
 from twin.scoring.metrics import Scorer, compare, sampled_nees
 from twin.signals import HEADING, NS_PER_S, POSITION, SPEED, FloatArray, IntArray
@@ -148,3 +148,8 @@ def test_a_matched_kalman_filter_is_inside_its_bounds_and_one_of_a_quarter_of_it
         # Four times as large: 8 -+ 1.03 at one instant, the bound is 5.3 standard deviations away.
         assert found.mean == pytest.approx(8.0, abs=4 * 4 * 0.047)
         assert found.inside == 0.0
+
+
+def test_positions_and_velocities_have_two_degrees_of_freedom_and_speeds_one() -> None:
+    columns = ["nis_gyro", "nis_radar", "nis_gnss_speed", "nis_gnss_velocity", "nis_gnss_position"]
+    assert [nis_degrees(column) for column in columns] == [1, 1, 1, 2, 2]

@@ -127,3 +127,18 @@ def test_a_consistent_filter_is_inside_its_nees_bounds_and_an_overconfident_one_
     overconfident = over_worlds("nees", [(t, 4.0 * values) for t, values in honest], 5)
     assert overconfident is not None
     assert overconfident.inside < 0.05
+
+
+def test_only_instants_that_all_worlds_have_count() -> None:
+    """Worlds arrive at their own times: of 1, 2, 3 and 2, 3, 4 there are 2 and 3, with means 3 and 5."""
+    one = np.array([1, 2, 3]), np.array([100.0, 2.0, 4.0])
+    other = np.array([2, 3, 4]), np.array([4.0, 6.0, 100.0])
+    found = over_worlds("nees", [one, other], 4)
+    assert found is not None
+    assert (found.worlds, found.degrees, found.mean) == (2, 4, 4.0)
+    # chi2 with 8 degrees of freedom: 2.180 and 17.535 (tables), by two worlds.
+    assert found.low == pytest.approx(1.090, abs=1e-3)
+    assert found.high == pytest.approx(8.767, abs=1e-3)
+    assert found.inside == 1.0
+    assert over_worlds("nees", [one, (np.array([7]), np.array([1.0]))], 4) is None
+    assert over_worlds("nees", [], 4) is None

@@ -65,6 +65,25 @@ def test_jump_and_drift_move_their_columns_only() -> None:
     np.testing.assert_allclose(log.hidden("position_u_m.error")[:, 0], drifted, atol=1e-9)
 
 
+@pytest.mark.parametrize("factor", [0.0, 0.5, 1.2])
+def test_scale_multiplies_its_columns_only(factor: float) -> None:
+    log = log_with({"kind": "scale", "columns": ["speed_m_s"], "factor": factor, **WINDOW}, runs=2)
+    expected = np.where(inside(log), factor * SPEED, SPEED)[:, np.newaxis]
+    np.testing.assert_allclose(log.values("speed_m_s"), np.broadcast_to(expected, (len(log.t_s), 2)), atol=1e-9)
+    np.testing.assert_allclose(east_error(log), 0.0, atol=1e-9)
+
+
+def test_a_radar_that_loses_every_other_pulse_reads_half_its_speed_and_half_its_count() -> None:
+    fault = {"kind": "scale", "columns": ["speed_m_s", "pulses"], "factor": 0.5, **WINDOW}
+    logs = [
+        drive(sensor(preset("radar_99ppm") | {"faults": faults}, name="radar"), constant(SPEED), 6.0)
+        for faults in ([], [fault])
+    ]
+    for name in ("speed_m_s", "pulses"):
+        sound, halved = (log.values(name)[:, 0] for log in logs)
+        np.testing.assert_allclose(halved, np.where(inside(logs[0]), 0.5, 1.0) * sound)
+
+
 def test_a_shifted_course_stays_wrapped() -> None:
     log = log_with({"kind": "jump", "columns": ["course_rad"], "size": 4.0})
     np.testing.assert_allclose(log.values("course_rad"), 4.0 - 2 * np.pi, atol=1e-12)
@@ -177,6 +196,8 @@ def test_events_tell_begin_and_end_at_the_sample_where_they_happen() -> None:
         ({"kind": "outage", "from_s": -1.0}, "greater than or equal to 0"),
         ({"kind": "jump", "size": 1.0}, "Field required"),
         ({"kind": "jump", "columns": [], "size": 1.0}, "at least 1 item"),
+        ({"kind": "scale", "columns": ["speed_m_s"], "factor": -0.5}, "greater than or equal to 0"),
+        ({"kind": "scale", "columns": ["speed_m_s"]}, "Field required"),
         ({"kind": "noise_factor", "factor": 0.5}, "greater than or equal to 1"),
         ({"kind": "dropouts", "probability": 1.5}, "less than or equal to 1"),
         ({"kind": "outtage"}, "'outage', 'dropouts', 'stuck'"),

@@ -27,6 +27,7 @@ from viz.layers.seeds import (
     shown_estimators,
 )
 from viz.rrd import write_rrd
+from viz.sheet import Run
 
 X_REF = 0.2
 
@@ -138,11 +139,16 @@ def test_population_is_one_over_the_mean_spacing_around() -> None:
     assert np.isnan(local_population(np.array([np.nan]), NEIGHBOURS)[0])
 
 
-def test_the_first_and_the_last_estimator_are_shown() -> None:
+def test_the_first_and_the_last_drawn_estimator_are_shown(tmp_path: Path) -> None:
     recording = make_recording(6.0)
-    assert shown_estimators(recording) == []
-    recording.streams |= {f"seeds/{name}": recording.truth for name in ("radar_only", "central", "better")}
-    assert shown_estimators(recording) == ["radar_only", "better"]
+    run = Run(recording=recording, scene=make_scene(tmp_path), result={})
+    assert shown_estimators(run) == []
+    names = ("radar_only", "central", "better")
+    recording.streams |= {f"seeds/{name}": recording.truth for name in names}
+    recording.streams |= {f"estimates/{name}": recording.truth for name in names}
+    assert shown_estimators(run) == ["radar_only", "better"]
+    hiding = dataclasses.replace(run, scene=dataclasses.replace(run.scene, hidden=frozenset({"better"})))
+    assert shown_estimators(hiding) == ["radar_only", "central"]
 
 
 def test_seeds_without_a_wanted_spacing_are_not_drawn(sown: tuple[Recording, Path], tmp_path: Path) -> None:

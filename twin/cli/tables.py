@@ -28,6 +28,15 @@ _HEADLINES = (
     "position.rmse_m",
     "heading.mean_abs_error_deg",
 )
+_SUMMARY = (
+    "row_speed.mean_abs_error_turns_m_s",
+    "row_speed.mean_abs_error_m_s",
+    "speed.mean_abs_error_m_s",
+    "position.rmse_m",
+    "heading.mean_abs_error_deg",
+)
+"""What an estimator without a published figure is summed up by: the first of these that it has."""
+_CROP = "seeds.mean_abs_population_error_turns_percent"
 _CRASHED = "crashed"
 
 
@@ -95,19 +104,19 @@ def _possible(load: BusLoad) -> str:
 
 
 def summary_table(finished: Sequence[Repetitions | Crash]) -> Table:
-    """A line per published metric of each scenario; of a scenario without any, its headline metric."""
+    """Of each scenario a line per published metric, and one per estimator that has none."""
     table = Table(title="All scenarios", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for heading in ("scenario", "estimator", "metric"):
         table.add_column(heading, overflow="fold")
-    for heading in ("ours", "published", "ratio"):
+    for heading in ("ours", "published", "ratio", "seeds %"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     for entry in finished:
         if not isinstance(entry, Repetitions):
-            table.add_row(entry.scenario, "", "", "", "", "", Text(_CRASHED, style=COLOURS["error"]))
+            table.add_row(entry.scenario, *[""] * 6, Text(_CRASHED, style=COLOURS["error"]))
             continue
         verdict = Text(entry.verdict, style=COLOURS[entry.verdict])
-        rows = _summary_rows(entry) or [["", "", "", "", ""]]
+        rows = _summary_rows(entry) or [[""] * 6]
         for index, row in enumerate(rows):
             first = index == 0
             table.add_row(entry.scenario_name if first else "", *row, verdict if first else "")
@@ -115,24 +124,30 @@ def summary_table(finished: Sequence[Repetitions | Crash]) -> Table:
 
 
 def _summary_rows(found: Repetitions) -> list[list[str]]:
-    """Estimator, metric, our mean, the published figure and their ratio, for what a scenario is about."""
-    published, metrics = found.scenario.published, found.metrics()
+    """Estimator, metric, our mean, the published figure, their ratio, and how many seeds are too many or too few."""
+    metrics = found.metrics()
     rows, last = [], ""
-    for name in list(published) or _headline(found, metrics):
+    for name in _summarised(found, metrics):
         estimator, _, metric = name.partition(".")
-        ours, paper = metrics[name].mean, published.get(name)
+        ours, paper = metrics[name].mean, found.scenario.published.get(name)
         ratio = ours / paper if paper else None
-        rows.append([estimator if estimator != last else "", metric, figure(ours), figure(paper), figure(ratio)])
+        first = estimator != last
+        crop = metrics.get(f"{estimator}.{_CROP}") if first else None
+        cells = [figure(ours), figure(paper), figure(ratio), figure(None if crop is None else crop.mean)]
+        rows.append([estimator if first else "", metric, *cells])
         last = estimator
     return rows
 
 
-def _headline(found: Repetitions, metrics: dict[str, Spread]) -> list[str]:
-    """The metric of the first check, or else the first headline metric that is known; none without either."""
-    if found.checks:
-        return [found.checks[0].metric]
+def _summarised(found: Repetitions, metrics: dict[str, Spread]) -> list[str]:
+    """Published metrics, and the headline of every estimator without one; else what the first check is about."""
+    names = list(found.scenario.published)
     known = [name for name, spread in metrics.items() if math.isfinite(spread.mean)]
-    return [name for headline in _HEADLINES for name in known if name.partition(".")[2] == headline][:1]
+    for estimator in found.scenario.estimators:
+        if not any(name.startswith(f"{estimator}.") for name in names):
+            mine = [f"{estimator}.{headline}" for headline in _SUMMARY]
+            names += [name for name in mine if name in known][:1]
+    return names or [outcome.metric for outcome in found.checks[:1]]
 
 
 def counts(finished: Sequence[Repetitions | Crash]) -> Text:

@@ -12,14 +12,15 @@ from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
 from twin.estimators.ins_build import RowSpeedInsConfig
-from twin.estimators.radar_only import RadarOnly, RadarOnlyConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
 from twin.estimators.row_speed_ins import RowSpeedIns
+from twin.estimators.speed_only import GnssSpeedOnlyConfig, RadarOnlyConfig, SpeedOnly
 from twin.signals import Estimator, EstimatorSetup
 
 __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
+    "GnssSpeedOnlyConfig",
     "PluginConfig",
     "RadarOnlyConfig",
     "RowSpeedEkfConfig",
@@ -29,7 +30,7 @@ __all__ = [
     "load_entry_point",
 ]
 
-AnyEstimatorConfig = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | PluginConfig
+AnyEstimatorConfig = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
@@ -44,7 +45,7 @@ def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estima
             return RowSpeedEkf(config, setup)
         case RowSpeedInsConfig():
             return RowSpeedIns(config, setup)
-        case RadarOnlyConfig():
-            return RadarOnly(config, setup)
+        case RadarOnlyConfig() | GnssSpeedOnlyConfig():
+            return SpeedOnly(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

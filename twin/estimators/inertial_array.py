@@ -25,10 +25,11 @@ from twin.signals import BoolArray, FloatArray
 
 ACCEL, GYRO = slice(0, 3), slice(3, 6)
 _TRIADS = (ACCEL, GYRO)
-_UNKNOWN_RATE_RAD_S = 0.3
-_UNKNOWN_FORCE_M_S2 = 3.0
-"""What is assumed of a body without any live gyroscope or accelerometer: it turns and accelerates, who knows how."""
-
+_UNKNOWN = np.array([3.0, 0.3])
+"""What is assumed of a body without any live accelerometer (m/s^2) or gyroscope (rad/s): it accelerates and turns, who
+knows how."""
+_FORGOTTEN_S = 0.5
+"""Time without a live sample after which that is so; sooner, the last one still says something."""
 
 _SUSPICIOUS = 4.0
 """Energy of a residual, times what noise and scale errors leave of it, from which on a unit is believed less."""
@@ -84,7 +85,7 @@ class InertialArray:
         self._step_s = step_s
         self._watch = watch
         self._stuck_after = stuck_after
-        self._residual_gain = step_s / residual_s
+        self._residual_gain = min(1.0, step_s / residual_s)
         self._difference_samples = difference_s / step_s
         self._seen = np.zeros((count, runs))
         self._difference = np.zeros((count, runs, 6))
@@ -92,12 +93,16 @@ class InertialArray:
         self._equal = np.zeros((count, runs, 2))
         self._last = np.full((count, runs, 6), np.nan)
         self._last_rate: FloatArray | None = None
+        self._turning_variance = np.zeros(runs)
         self._held = np.zeros((runs, 6))
+        self._held_variance = np.repeat(np.square(_UNKNOWN)[np.newaxis], runs, axis=0)
+        self._silent_s = np.full((runs, 2), _FORGOTTEN_S)
         self.weights: FloatArray = np.full((count, runs, 2), 1.0 / count)
         """(k, R, 2) share of each unit's accelerometers and gyroscopes in the last fused sample."""
 
-    def fuse(self, readings: FloatArray, present: BoolArray) -> Fused:
-        """One tick: ``readings`` (k, R, 6) in body axes, ``present`` (k, R) where a unit answered."""
+    def fuse(self, readings: FloatArray, present: BoolArray, steps: int = 1) -> Fused:
+        """One tick: ``readings`` (k, R, 6) in body axes, ``present`` (k, R) where a unit answered; ``steps`` since the
+        last one."""
         live = np.repeat(present[..., np.newaxis], 2, axis=2)
         readings = np.where(present[..., np.newaxis], readings, 0.0)
         variances = np.broadcast_to(self._sheet, live.shape)
@@ -106,36 +111,49 @@ class InertialArray:
             variances = np.where(self._energy > self._suspicious(), self._energy, variances)
         raw = np.where(live, 1.0 / variances, 0.0)
         total = raw.sum(axis=0)
-        self.weights = raw / np.where(total > 0.0, total, 1.0)
+        known = total > 0.0
+        self.weights = raw / np.where(known, total, 1.0)
+        sample = 1.0 / np.where(known, total, 1.0)
         u = np.empty_like(self._held)
         gyro = readings[..., GYRO] - self._difference[..., GYRO]
-        u[:, GYRO] = (self.weights[..., 1:2] * gyro).sum(axis=0)
+        u[:, GYRO] = np.where(known[:, 1:2], (self.weights[..., 1:2] * gyro).sum(axis=0), self._held[:, GYRO])
         transported = readings.copy()
-        transported[..., ACCEL] -= self._lever_terms(u[:, GYRO])
+        transported[..., ACCEL] -= self._lever_terms(u[:, GYRO], steps * self._step_s)
         force = transported[..., ACCEL] - self._difference[..., ACCEL]
         u[:, ACCEL] = (self.weights[..., 0:1] * force).sum(axis=0)
-        known = total > 0.0
         u[:, ACCEL] = np.where(known[:, 0:1], u[:, ACCEL], self._held[:, ACCEL])
-        u[:, GYRO] = np.where(known[:, 1:2], u[:, GYRO], self._held[:, GYRO])
+        self._turning_variance = 2.0 * sample[:, 1] / (steps * self._step_s) ** 2
         if self._watch:
             self._learn(transported, live, u)
         self._held = u
-        sample = 1.0 / np.where(known, total, 1.0)
-        return Fused(
-            u=u,
-            accel_variance=np.where(known[:, 0], sample[:, 0], _UNKNOWN_FORCE_M_S2**2),
-            gyro_variance=np.where(known[:, 1], sample[:, 1], _UNKNOWN_RATE_RAD_S**2),
-        )
+        variance = self._variance(sample, known, steps)
+        return Fused(u=u, accel_variance=variance[:, 0], gyro_variance=variance[:, 1])
 
-    def _lever_terms(self, rate: FloatArray) -> FloatArray:
+    def _variance(self, sample: FloatArray, known: BoolArray, steps: int) -> FloatArray:
+        """Variance (R, 2) of the fused sample over the time since the last: what was not heard is known less and less.
+
+        ``sample`` (R, 2) is that of the live units' mean, where there are any (``known``).
+        """
+        gap_s = (steps - 1) * self._step_s
+        silent_s = np.where(known, gap_s, self._silent_s + gap_s + self._step_s)
+        self._silent_s = np.where(known, 0.0, silent_s)
+        self._held_variance = np.where(known, sample, self._held_variance)
+        variance: FloatArray = self._held_variance + np.square(_UNKNOWN * np.minimum(1.0, silent_s / _FORGOTTEN_S))
+        return variance
+
+    def _lever_terms(self, rate: FloatArray, dt_s: float) -> FloatArray:
         """Acceleration of every unit against the reference, dw/dt x r + w x (w x r), (k, R, 3)."""
-        turning = np.zeros_like(rate) if self._last_rate is None else (rate - self._last_rate) / self._step_s
+        turning = np.zeros_like(rate) if self._last_rate is None else (rate - self._last_rate) / dt_s
         self._last_rate = rate
         return np.stack([cross(turning, arm) + cross(rate, cross(rate, arm)) for arm in self._arms])
 
     def _suspicious(self) -> FloatArray:
-        """Energy of a residual (k, R, 2) from which on a unit is believed less."""
+        """Energy of a residual (k, R, 2) from which on a unit is believed less.
+
+        Beside its own noise a force has that of the turning w' it was moved with, |w' x r|^2 / 3 an axis.
+        """
         expected = np.repeat(self._sheet, len(self._held), axis=1)
+        expected[..., 0] += 2.0 / 3.0 * np.square(self._arms).sum(axis=1)[:, np.newaxis] * self._turning_variance
         expected[..., 1] += self._response * np.square(self._held[:, 5])
         return _SUSPICIOUS * expected
 

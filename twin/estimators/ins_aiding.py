@@ -7,7 +7,7 @@ the same. They are a cue of standstill, never a speed.
 **GNSS.** A position errs by a time-correlated part, a state of the filter with the size that the fix state allows, and
 a white part. A receiver's word is believed where such receivers are honest (a fixed solution), and not below a floor by
 fix state where they are not: a floating solution reports millimetres and errs by decimetres. Corrections that get old
-let the error grow (1.05 mm/s horizontally). The units' mounting tilt turns the lever arm, which adds to the
+let the error grow (0.74 mm/s an axis). The units' mounting tilt turns the lever arm, which adds to the
 correlated part. A change of the fix state is a new error. A sigma of zero or none means
 that the receiver does not know it. Velocity is north and east, behind the receiver's own filter, with the noise of its
 data sheet.
@@ -25,15 +25,15 @@ import numpy as np
 
 from twin.config import Config, NonNegative, Positive
 from twin.estimators.ins_filter import AidReading, Receiving
-from twin.estimators.ins_model import PulseSensorModel, ReceiverModel
+from twin.estimators.ins_model import PulseSensorModel, ReceiverModel, lag_gain
 from twin.estimators.ins_observations import AntennaFix, StatesThemselves
 from twin.estimators.roles import ACCOSAT, POSITION_COLUMNS, SPEED_COLUMN, column_places, mount_arm, usable
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
 _FIXED = 4
-_AGE_GROWTH_M_S = 0.00105
-"""Horizontal growth of the error of a fixed solution with the age of its corrections, root of both axes: 0.74 mm/s
-each (lefebure.com, RTK accuracy against age of corrections)."""
+_AGE_GROWTH_M_S = 0.00074
+"""Growth of the horizontal error of a fixed solution with the age of its corrections, each axis (lefebure.com, RTK
+accuracy against age of corrections)."""
 _FRESH_S = 2.0
 _PULSE_SIGMA_M_S = 0.0005
 """Reading of a pulse period of some 20 ms with a timer of 10 us: 0.2 per mille of the speed."""
@@ -117,7 +117,7 @@ class ReceiverAid:
     ) -> None:  # fmt: skip
         self._arm_error_m = mounting_tilt_rad * float(np.linalg.norm(model.arm_m))
         self.model = model
-        self.sources = (f"{info.name}_position", f"{info.name}_speed")
+        self.sources = (f"{info.name}_position", f"{info.name}_velocity")
         self.speed_sources = self.sources[1:]
         self._trust = trust
         self._robust = robust
@@ -128,13 +128,13 @@ class ReceiverAid:
         self._latency_s = info.datasheet.get("latency_s", 0.0)
         self._noise = info.datasheet.get("speed_noise_m_s", 0.05), info.datasheet.get("speed_noise_ratio", 0.0)
         self._sheet_sigma = info.datasheet.get("position_noise_m", trust.single_m)
-        self._quality: FloatArray | None = None
 
     def _column(self, measurement: Measurement, name: str, default: float) -> FloatArray:
         place = self._places.get(name)
         if place is None:
             return np.full(len(measurement.values), default)
-        return measurement.values[:, place]
+        values = measurement.values[:, place]
+        return np.where(np.isfinite(values), values, np.nan)
 
     def time_ns(self, measurement: Measurement) -> tuple[int, float]:
         """What time the sample is about, and how much later than usual it came if its stamp is right, s."""
@@ -157,25 +157,18 @@ class ReceiverAid:
         quality = self._column(measurement, "quality", float(_FIXED))
         mask = usable(measurement, position) & (quality > 0.0)
         said, sigma = self._sigma(measurement, quality)
-        changed = np.zeros(len(mask), dtype=np.bool_)
-        if self._quality is not None:
-            changed = mask & (quality != self._quality)
-            quality = np.where(mask, quality, self._quality)
-        else:
-            changed = mask
-        self._quality = quality
         white = np.maximum(_WHITE_SHARE * said, _LEAST_WHITE_M) ** 2
         sigma = np.hypot(sigma, speed_m_s * late_s)
         return [
             AidReading(
-                source=f"{name}_speed", sensor=name, observation=self._velocity, z=velocity,
+                source=f"{name}_velocity", sensor=name, observation=self._velocity, z=velocity,
                 mask=usable(measurement, velocity), variances=np.stack([velocity_variance] * 2, axis=-1),
                 speed_source=True,
             ),
             AidReading(
                 source=f"{name}_position", sensor=name, observation=self._position, z=position, mask=mask,
                 variances=np.stack([white] * 2, axis=-1), speed_source=False,
-                receiver=Receiving(model=self.model, sigma_m=np.where(mask, sigma, 1.0), changed=changed),
+                receiver=Receiving(model=self.model, sigma_m=np.where(mask, sigma, 1.0), state=quality),
             ),
         ]  # fmt: skip
 
@@ -222,7 +215,8 @@ def pulse_model(info: SensorInfo, setup: EstimatorSetup, *, accosat_correlation_
             slow_error=(2.0 * sheet.get("speed_noise_m_s", 0.05), accosat_correlation_s),
         )
     lags = (sheet.get("lag_speeding_up_s", 0.0), sheet.get("lag_braking_s", 0.0))
-    gain = 1.0 - float(np.exp(-sample_s / lags[0])) if lags[0] > 0.0 else 1.0
+    # the data sheet's noise is behind the faster lag
+    gain = float(lag_gain(np.array(min(lags)), sample_s))
     return PulseSensorModel(
         name=info.name,
         arm_m=arm,

@@ -1,8 +1,9 @@
 """The strapdown filter of one machine: prediction by the fused inertial sample, aids in their true order, modes.
 
 Late samples are taken at the time they are about. The filter keeps its last moments (:class:`Epoch`: what came in, and
-the state before); a sample that belongs to a past epoch is put in there and everything since is done again. States are
-replaced, never changed in place, so keeping them costs nothing but memory.
+the state before); a sample that belongs to a past epoch is put in there and everything since is done again. Within an
+epoch the aids are taken sensor by sensor in the model's order, so that the order of arrival makes no difference. States
+are replaced, never changed in place, so keeping them costs nothing but memory.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ class Receiving:
     model: ReceiverModel
     sigma_m: FloatArray
     """(R,) standard deviation of the correlated error in this state."""
-    changed: BoolArray
-    """(R,) whether the state is another than in the sample before."""
+    state: FloatArray
+    """(R,) number of the state; another one than before means another error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +68,8 @@ class Modes:
     """(R,) by innovation: epoch of the last one that was used."""
     position_sigma_m: Mapping[str, FloatArray]
     """(R,) by receiver: standard deviation of its correlated error."""
+    fix_state: Mapping[str, FloatArray]
+    """(R,) by receiver: state of its fix in the last sample; NaN before the first."""
 
 
 @dataclass(slots=True)
@@ -107,10 +110,10 @@ class Recorder(Protocol):
 class StrapdownFilter:
     """Predicts, updates, gates, and goes back for late samples (R members).
 
-    An aid whose normalised innovation squared exceeds ``gate.sigmas`` squared (per component) is not used. A position
-    that has been refused for ``gate.reacquire_s`` is believed to have a new error: the receiver's correlated error is
-    drawn anew with the size of the innovation, so that the fix is used again but does not pull. A speed that has been
-    refused for as long is believed again only if no other speed has been accepted either.
+    An aid of m components whose normalised innovation squared exceeds ``gate.sigmas`` squared + m - 1 is not used. A
+    position that has been refused for ``gate.reacquire_s`` is believed to have a new error: the receiver's correlated
+    error is drawn anew with the size of the innovation, so that the fix is used again but does not pull. A speed that
+    has been refused for as long is believed again only if no other speed has been accepted either.
     """
 
     def __init__(
@@ -141,7 +144,8 @@ class StrapdownFilter:
         self._recorder = recorder
         self._speed_sources = tuple(speed_sources)
         self.nis: dict[str, FloatArray] = {}
-        """Normalised innovation squared (R,) of the last update by name, before gating; NaN for none."""
+        """Normalised innovation squared (R,) of the last new aid by name, before gating; NaN for none.
+        What is done again for a late sample does not count again."""
         none = np.zeros(runs)
         self.modes = Modes(
             braking={sensor.name: np.zeros(runs, dtype=np.bool_) for sensor in model.pulse_sensors},
@@ -149,7 +153,10 @@ class StrapdownFilter:
             refused_since={},
             used_at={},
             position_sigma_m={receiver.name: np.full(runs, 10.0) for receiver in model.receivers},
+            fix_state={receiver.name: np.full(runs, np.nan) for receiver in model.receivers},
         )
+        sensors = [sensor.name for sensor in model.pulse_sensors] + [receiver.name for receiver in model.receivers]
+        self._order = {name: place for place, name in enumerate(sensors)}
         self.newest: Fused | None = None
 
     @property
@@ -170,21 +177,22 @@ class StrapdownFilter:
         place = len(self._epochs) - 1
         while place > 0 and self._epochs[place].index > index:
             place -= 1
-        epoch = self._epochs[place]
-        epoch.aids.extend(aids)
-        if place == len(self._epochs) - 1:
-            for aid in aids:
-                self._update(aid, epoch.index)
+        epoch, known = self._epochs[place], self._epochs[place].aids
+        epoch.aids = sorted([*known, *aids], key=lambda aid: self._order[aid.sensor])
+        follow = all(one is other for one, other in zip(known, epoch.aids, strict=False))
+        if follow and place == len(self._epochs) - 1:
+            for aid in epoch.aids[len(known) :]:
+                self._update(aid, epoch.index, new=True)
             self._note_corrected()
             return
         assert epoch.before is not None
         x, P, self.modes = epoch.before
         self.engine.restore(x, P)
         for again in range(place, len(self._epochs)):
-            self._run(self._epochs[again])
+            self._run(self._epochs[again], new=aids)
 
-    def _run(self, epoch: Epoch) -> None:
-        """Predict to an epoch and update with all that is known of it."""
+    def _run(self, epoch: Epoch, new: Sequence[AidReading] = ()) -> None:
+        """Predict to an epoch and update with all that is known of it; ``new`` has not been taken before."""
         engine, inertial = self.engine, epoch.inertial
         epoch.before = (engine.x, engine.P, self.modes)
         if self._recorder is not None:
@@ -201,7 +209,7 @@ class StrapdownFilter:
             variances[:, 3:] = inertial.gyro_variance[:, np.newaxis]
             engine.update(self._standing, z, epoch.standing, variances)
         for aid in epoch.aids:
-            self._update(aid, epoch.index)
+            self._update(aid, epoch.index, new=any(aid is each for each in new))
         self._note_corrected()
 
     def _predict(self, motion: Motion, u: FloatArray, dt_s: float) -> None:
@@ -242,12 +250,14 @@ class StrapdownFilter:
             braking[sensor.name] = (braking[sensor.name] & (smooth <= self._lag_switch)) | (smooth < -self._lag_switch)
         self.modes = replace(self.modes, difference=differences, braking=braking)
 
-    def _update(self, aid: AidReading, index: int) -> None:
+    def _update(self, aid: AidReading, index: int, *, new: bool) -> None:
         if aid.receiver is not None:
             self._follow_fix(aid.receiver, aid.mask)
         z = np.where(aid.mask[:, np.newaxis], aid.z, 0.0)
         found = innovation(self.engine, aid.observation, z, aid.variances)
-        self.nis[aid.source] = np.where(aid.mask, found.nis, np.nan)
+        if new:
+            before = self.nis.get(aid.source, np.full(len(aid.mask), np.nan))
+            self.nis[aid.source] = np.where(aid.mask, found.nis, before)
         mask = aid.mask
         if self._gate.enabled:
             passed = found.nis <= self._gate.sigmas**2 + aid.z.shape[1] - 1.0
@@ -263,7 +273,10 @@ class StrapdownFilter:
     def _follow_fix(self, receiver: Receiving, known: BoolArray) -> None:
         """Change the receiver's correlated error as its fix says: anew in another state, more with age."""
         before = self.modes.position_sigma_m[receiver.model.name]
-        renewed = receiver.changed & known
+        states = self.modes.fix_state
+        renewed = known & (receiver.state != states[receiver.model.name])
+        now = np.where(known, receiver.state, states[receiver.model.name])
+        self.modes = replace(self.modes, fix_state={**states, receiver.model.name: now})
         grown = known & ~renewed & (receiver.sigma_m > before)
         if (renewed | grown).any():
             added = np.where(grown, np.square(receiver.sigma_m) - np.square(before), 0.0)

@@ -24,10 +24,12 @@ gyro bias) with the inertial sample u = (f, g), specific force and angular rate 
     (E, N)' = first two rows of R v,    R = Rz(psi) Ry(theta) Rx(phi)
 
 So tilt turns gravity into what the accelerometers feel, and the filter knows it: that is what the published filter
-lacks. Lags follow their inputs as first-order filters, L+ = L + (1 - e^{-T/tau}) (D - L), where D is the speed that the
-sensor sees now: |(1 + s)(v_x - tan(A) v_z)| at the sensor's mount for a radar whose beam points A below the horizontal,
-so that pitching and heaving are in it. Correlated errors decay with e^{-T/tau} and are driven so that they keep their
-variance. Biases wander as random walks, scale errors slowly.
+lacks. Lags follow their inputs as first-order filters. A radar's is a filter of samples, L+ = L + (1 - e^{-T/tau})
+(D - L), where D is the mean over the step of the speed that it sees: |(1 + s)(v_x - tan(A) v_z)| at the sensor's mount
+for a beam that points A below the horizontal, so that pitching and heaving are in it. A receiver's is continuous: its
+velocity is that of a filter over an input that changes linearly within the step, so without a lag it is the velocity at
+the end of the step. Correlated errors decay with e^{-T/tau} and are driven so that they keep their variance. Biases
+wander as random walks, scale errors slowly.
 """
 
 from __future__ import annotations
@@ -195,10 +197,14 @@ class Strapdown:
     def _lag_pulses(self, sensor: PulseSensorModel, step: _Step) -> None:
         x, w, dw, dt, moved, F = step.x, step.w, step.dw, step.dt, step.moved, step.F
         at = sensor.at
-        seen, d_seen = doppler(sensor, x, w), _doppler_jacobian(sensor, x, w, dw)
+        # the mean of what it sees at the begin and at the end of the step
+        seen = 0.5 * (doppler(sensor, x, w) + doppler(sensor, moved, w))
+        unmoved = np.broadcast_to(np.eye(self.size)[VX : VZ + 1], F[:, VX : VZ + 1].shape)
+        d_before = _doppler_jacobian(sensor, x, w, dw, unmoved)
+        d_after = _doppler_jacobian(sensor, moved, w, dw, F[:, VX : VZ + 1])
         gain = lag_gain(self.drive.lags_s[sensor.name], dt)
         moved[:, at] = x[:, at] + gain * (seen - x[:, at])
-        F[:, at] = gain[:, np.newaxis] * d_seen
+        F[:, at] = (0.5 * gain)[:, np.newaxis] * (d_before + d_after)
         F[:, at, at] += 1.0 - gain
         if sensor.slow_error is not None:
             keep = math.exp(-dt / sensor.slow_error[1])
@@ -219,7 +225,10 @@ class Strapdown:
         diagonal[:, SLIP] = noise.sideslip_m_s**2 * (1.0 - keep * keep)
         for sensor in self.pulse_sensors:
             gain = lag_gain(drive.lags_s[sensor.name], dt_s)
-            diagonal[:, sensor.at] = (gain * sensor.speed_noise_m_s) ** 2 * max(1.0, sensor.sample_s / dt_s)
+            # the sensor's own samples leave g / (2 - g) of their variance behind its lag; so do ours with this share
+            own = lag_gain(drive.lags_s[sensor.name], sensor.sample_s)
+            share = own / (2.0 - own) * (2.0 - gain) / gain
+            diagonal[:, sensor.at] = (gain * sensor.speed_noise_m_s) ** 2 * share
             diagonal[:, sensor.at + 1] = noise.scale**2 * dt_s
             if sensor.slow_error is not None:
                 sigma, tau_s = sensor.slow_error
@@ -298,16 +307,18 @@ def _lag_receiver(receiver: ReceiverModel, step: _Step) -> None:
     x, w, dw, dt, moved, F = step.x, step.w, step.dw, step.dt, step.moved, step.F
     at = receiver.at
     arm = np.array(receiver.arm_m)
-    velocity = x[:, VX : VZ + 1] + cross(w, arm)
-    east_north, by_velocity, by_attitude = horizontal(velocity, x[:, ROLL : YAW + 1])
-    gain = 1.0 - math.exp(-dt / receiver.velocity_lag_s) if receiver.velocity_lag_s > 0.0 else 1.0
-    moved[:, at : at + 2] = x[:, at : at + 2] + gain * (east_north - x[:, at : at + 2])
-    d_swing = _cross_jacobian(dw, arm)
-    F[:, at : at + 2] = gain * np.matmul(by_velocity, d_swing)
-    F[:, at : at + 2, VX : VZ + 1] += gain * by_velocity
-    F[:, at : at + 2, ROLL : YAW + 1] += gain * by_attitude
-    F[:, at, at] += 1.0 - gain
-    F[:, at + 1, at + 1] += 1.0 - gain
+    swing, d_swing = cross(w, arm), _cross_jacobian(dw, arm)
+    first, last = _ramp_gains(receiver.velocity_lag_s, dt)
+    before, by_velocity, by_attitude = horizontal(x[:, VX : VZ + 1] + swing, x[:, ROLL : YAW + 1])
+    after, by_velocity_after, by_attitude_after = horizontal(moved[:, VX : VZ + 1] + swing, moved[:, ROLL : YAW + 1])
+    decay = 1.0 - first - last
+    moved[:, at : at + 2] = decay * x[:, at : at + 2] + first * before + last * after
+    d_after = by_velocity_after @ (F[:, VX : VZ + 1] + d_swing) + by_attitude_after @ F[:, ROLL : YAW + 1]
+    F[:, at : at + 2] = first * (by_velocity @ d_swing) + last * d_after
+    F[:, at : at + 2, VX : VZ + 1] += first * by_velocity
+    F[:, at : at + 2, ROLL : YAW + 1] += first * by_attitude
+    F[:, at, at] += decay
+    F[:, at + 1, at + 1] += decay
     keep = math.exp(-dt / receiver.correlation_s)
     for place in (at + 2, at + 3):
         moved[:, place] = keep * x[:, place]
@@ -348,6 +359,18 @@ def lag_gain(lag_s: FloatArray, dt_s: float) -> FloatArray:
     """Gain of first-order lags over a step; 1 where there is no lag."""
     gain: FloatArray = 1.0 - np.exp(-dt_s / np.maximum(lag_s, 1e-9))
     return gain
+
+
+def _ramp_gains(lag_s: float, dt_s: float) -> tuple[float, float]:
+    """Shares of an input's values at the begin and the end of a step in a first-order lag's output at its end.
+
+    Exact for an input that changes linearly within the step: the convolution of e^{-t/tau} / tau with it.
+    """
+    if lag_s <= 0.0:
+        return 0.0, 1.0
+    decay, ratio = math.exp(-dt_s / lag_s), lag_s / dt_s
+    last = 1.0 - ratio * (1.0 - decay)
+    return 1.0 - decay - last, last
 
 
 def cross(first: FloatArray, second: FloatArray) -> FloatArray:
@@ -414,13 +437,13 @@ def _along(sensor: PulseSensorModel, x: FloatArray, w: FloatArray) -> FloatArray
     return along if sensor.slow_error is None else along + x[:, sensor.at + 1]
 
 
-def _doppler_jacobian(sensor: PulseSensorModel, x: FloatArray, w: FloatArray, dw: FloatArray) -> FloatArray:
-    """Derivative of :func:`doppler` by the state, (R, n)."""
+def _doppler_jacobian(
+    sensor: PulseSensorModel, x: FloatArray, w: FloatArray, dw: FloatArray, dv: FloatArray
+) -> FloatArray:
+    """Derivative of :func:`doppler` by the state, (R, n), from those of rate and velocity, (R, 3, n) each."""
     along, d_swing = _along(sensor, x, w), _cross_jacobian(dw, np.array(sensor.arm_m))
+    d_along = dv[:, 0] + d_swing[:, 0] - sensor.beam_slope * (dv[:, 2] + d_swing[:, 2])
     sign = np.where(along < 0.0, -1.0, 1.0)
-    gain = sign * _scale(sensor, x)
-    jacobian: FloatArray = gain[:, np.newaxis] * (d_swing[:, 0] - sensor.beam_slope * d_swing[:, 2])
-    jacobian[:, VX] += gain
-    jacobian[:, VZ] -= gain * sensor.beam_slope
+    jacobian: FloatArray = (sign * _scale(sensor, x))[:, np.newaxis] * d_along
     jacobian[:, sensor.at + 1] += sign * along if sensor.slow_error is None else sign
     return jacobian

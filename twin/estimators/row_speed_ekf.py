@@ -46,6 +46,7 @@ from twin.estimators.engines import EngineName, make_engine
 from twin.estimators.rigid_body_filter import RigidBodyFilter
 from twin.estimators.roles import ACCOSAT, GNSS, IMU, RADAR, InertialUnit, common_rate, pick_sensors
 from twin.estimators.standstill import StandstillConfig
+from twin.estimators.thinning import Thinner, Thinning, ticks_per_sample
 from twin.estimators.ticks import Tick, TickClock
 from twin.signals import NS_PER_S, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
@@ -91,6 +92,11 @@ class RowSpeedEkfConfig(Config):
     """Kalman engine; auto: filterpy for a single run."""
     calibration_s: NonNegative = 60.0
     """Standstill at the start from which biases are taken; 0: none."""
+    input_rate_hz: Positive | None = None
+    """Rate at which the filter runs, calibrates and looks for standstill, if slower than the inertial units; their
+    rate has to be a whole multiple of it. Q stays per step, as published."""
+    thinning: Thinning = "moving_average"
+    """How the samples of one period become one: their mean, or the last of them (:mod:`twin.estimators.thinning`)."""
     max_age_s: Positive = 1.0
     """Samples older than this on arrival are dropped; younger late ones count as current."""
     noise: NoiseConfig = NoiseConfig()
@@ -104,7 +110,8 @@ class RowSpeedEkf:
 
     Raises:
         BadInputError: no inertial unit, a sensor of a kind or on a body the filter cannot use, inertial units with
-            different rates, a variance for a sensor it does not have, or the filterpy engine with more than one run.
+            different rates, a variance for a sensor it does not have, an input rate that does not divide theirs, or the
+            filterpy engine with more than one run.
     """
 
     def __init__(self, config: RowSpeedEkfConfig, setup: EstimatorSetup) -> None:
@@ -116,7 +123,14 @@ class RowSpeedEkf:
         self._clock = TickClock(
             rate_hz=rate_hz, max_age_s=config.max_age_s, inertial=[info.name for info in sensors[IMU]]
         )
+        self._thinner: Thinner | None = None
         self._step_ns = self._clock.step_ns
+        if config.input_rate_hz is not None:
+            ticks = ticks_per_sample(rate_hz, config.input_rate_hz, where=f"[estimators.{setup.name}]")
+            self._thinner = Thinner(
+                ticks=ticks, thinning=config.thinning, sensors=list(setup.sensors), step_ns=self._step_ns
+            )
+            self._step_ns, rate_hz = ticks * self._step_ns, config.input_rate_hz
         self._filters = self._make_filters(sensors)
         self._output = planter_output.PlanterOutput(
             rows_y_m=setup.rows_y_m,
@@ -138,18 +152,14 @@ class RowSpeedEkf:
 
     def process(self, measurement: Measurement) -> None:
         """Take one measurement, in order of arrival."""
-        tick = self._clock.add(measurement)
-        if tick is not None:
-            self._step(tick)
+        self._take(self._clock.add(measurement))
 
     def estimate(self, t_ns: int) -> Estimate:
         """Return the estimate at ``t_ns``, after all that arrived until then.
 
         Between ticks, and where no sample came, the state is extrapolated by the motion model without acceleration.
         """
-        tick = self._clock.close()
-        if tick is not None:
-            self._step(tick)
+        self._take(self._clock.close())
         if self._filter_t_ns is None:
             start = self._at_start
             return Estimate(t_ns=t_ns, values=start.values, sigmas=start.sigmas, covariance=start.covariance)
@@ -162,6 +172,13 @@ class RowSpeedEkf:
             standing=[each.standing for each in self._filters],
             nis=[each.take_nis() for each in self._filters],
         )
+
+    def _take(self, tick: Tick | None) -> None:
+        """Let the filters step by a tick of the sensors' clock that is closed, or by what it completes."""
+        if tick is None:
+            return
+        for each in (tick,) if self._thinner is None else self._thinner.add(tick):
+            self._step(each)
 
     def _step(self, tick: Tick) -> None:
         if self._first_tick is None:

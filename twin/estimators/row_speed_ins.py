@@ -10,8 +10,10 @@ radars, AccoSats and GNSS receivers. Several inertial units become one, weighted
 (:mod:`twin.estimators.standing_cues`). The machine's own knowledge: wheels roll where they point
 (:class:`~twin.estimators.ins_observations.NoSlip`), at the axle, whose place before the row line is configured.
 
-The order of a step: fuse the units of the tick, predict, then no-slip, standstill, aids in the order of arrival;
-samples that come late are put where they belong (:mod:`twin.estimators.ins_filter`).
+The order of a step: fuse the units of the tick, predict, then no-slip, standstill, aids sensor by sensor; samples that
+come late are put where they belong (:mod:`twin.estimators.ins_filter`). Innovations are told as they are before gating
+(columns ``nis_<pulse sensor>``, chi-square with 1 degree of freedom; ``nis_<receiver>_position`` and
+``nis_<receiver>_velocity``, with 2).
 """
 
 from __future__ import annotations
@@ -156,7 +158,7 @@ class RowSpeedIns:
                 place, unit = entry
                 values = unit.read(measurement)
                 readings[place], present[place] = values, measurement.valid & np.isfinite(values).all(axis=1)
-        return self._array.fuse(readings, present)
+        return self._array.fuse(readings, present, tick.steps)
 
     # --- out ---------------------------------------------------------------------------------------------------------
 
@@ -168,14 +170,17 @@ class RowSpeedIns:
         tick = self._clock.close()
         if tick is not None:
             self._step(tick)
-        x, P = self.filter.engine.x, self.filter.engine.P
-        if self._now is not None and t_ns > self._now * self._step_ns:
-            dt_s = (t_ns - self._now * self._step_ns) / NS_PER_S
-            x, F = self.model.linearise(x, self._u, dt_s)
-            P = F @ P @ F.transpose(0, 2, 1) + self.model.Q(dt_s)
         if self._recorder is not None and self._now is not None:
             self._asked.append(_Asked(t_ns, self._now, self._u, self._gyro_variance, self._standing))
-        return self._report(t_ns, x, P)
+        return self._report(t_ns, *self._moved_on(t_ns, self._now, self.filter.engine.x, self.filter.engine.P))
+
+    def _moved_on(self, t_ns: int, index: int | None, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """State (R, n) and covariance (R, n, n) at ``t_ns`` from those of an epoch not later than it."""
+        if index is None or t_ns <= index * self._step_ns:
+            return x, P
+        dt_s = (t_ns - index * self._step_ns) / NS_PER_S
+        x, F = self.model.linearise(x, self._u, dt_s)
+        return x, F @ P @ F.transpose(0, 2, 1) + self.model.Q(dt_s)
 
     @property
     def says_in_hindsight(self) -> bool:
@@ -188,7 +193,7 @@ class RowSpeedIns:
         for asked in self._asked:
             x, P = smoothed[asked.index]
             self._u, self._gyro_variance, self._standing = asked.u, asked.gyro_variance, asked.standing
-            yield self._report(asked.t_ns, x, P)
+            yield self._report(asked.t_ns, *self._moved_on(asked.t_ns, asked.index, x, P))
 
     def _report(self, t_ns: int, x: FloatArray, P: FloatArray) -> Estimate:
         """Estimate from a state (R, n) and covariance (R, n, n)."""
@@ -249,7 +254,7 @@ class RowSpeedIns:
             ),
             lag_switch_m_s=_LAG_SWITCH_M_S,
             step_s=self._step_s,
-            history=round(_HISTORY_S / self._step_s),
+            history=max(1, round(_HISTORY_S / self._step_s)),
             speed_sources=[name for aid in self._aids.values() for name in aid.speed_sources],
             recorder=self._recorder,
         )

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from twin.estimators.inertial_array import ACCEL, GYRO, Fused
-from twin.signals import BoolArray
+from twin.signals import BoolArray, FloatArray
 
 _SHAKING_S = 0.5
 _MEAN_S = 2.0
@@ -30,14 +30,15 @@ class StandingCues:
     """The cues of R members."""
 
     def __init__(self, *, step_s: float, runs: int) -> None:
-        self._alpha = step_s / _SHAKING_S
-        self._mean_gain = step_s / _MEAN_S
-        self._push_gain = step_s / _PUSH_S
+        self._alpha = min(1.0, step_s / _SHAKING_S)
+        self._mean_gain = min(1.0, step_s / _MEAN_S)
+        self._push_gain = min(1.0, step_s / _PUSH_S)
         self._count = 0
         self._mean = np.zeros((runs, 6))
         self._push = np.zeros((runs, 3))
         self._energy = np.zeros(runs)
-        self._slow_speeds: dict[str, tuple[int, float, BoolArray, BoolArray]] = {}
+        self._slow_speeds: dict[str, tuple[FloatArray, BoolArray]] = {}
+        """By sensor: step (R,) until which what it said holds, and whether it said slow (R,)."""
         self._settling = math.ceil(_SHAKING_S / step_s)
 
     def inertial(self, fused: Fused) -> None:
@@ -52,8 +53,13 @@ class StandingCues:
         self._push = self._push + push_gain * (fused.u[:, ACCEL] - self._push)
 
     def speed(self, sensor: str, index: int, patience: float, *, slow: BoolArray, known: BoolArray) -> None:
-        """A speed sensor says at step ``index`` whether it is slow (R,); good for ``patience`` steps."""
-        self._slow_speeds[sensor] = (index, patience, slow, known)
+        """A speed sensor says at step ``index`` whether it is slow (R,); good for ``patience`` steps.
+
+        Where it says nothing, ``known`` (R,) False, what it said before goes on to hold.
+        """
+        none = (np.full(len(known), -np.inf), np.zeros(len(known), dtype=np.bool_))
+        until, before = self._slow_speeds.get(sensor, none)
+        self._slow_speeds[sensor] = (np.where(known, index + patience, until), np.where(known, slow, before))
 
     def standing(self, index: int, fused: Fused, own_slow: BoolArray) -> BoolArray:
         """Members that stand at step ``index``; ``own_slow`` (R,) is the filter's word where none speaks."""
@@ -66,8 +72,8 @@ class StandingCues:
         pushed = np.abs(self._push - self._mean[:, ACCEL]).max(axis=1)
         still: BoolArray = calm & (pushed <= limit)
         heard = np.zeros(len(own_slow), dtype=np.bool_)
-        for at, patience, slow, known in self._slow_speeds.values():
-            if index - at <= patience:
-                still = still & (slow | ~known)
-                heard = heard | known
+        for until, slow in self._slow_speeds.values():
+            holds = index <= until
+            still = still & (slow | ~holds)
+            heard = heard | holds
         return still & (heard | own_slow)

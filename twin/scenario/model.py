@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, Strict, field_validator, model_validator
 
 from twin import paths
-from twin.config import Config, NonNegative, Positive, Probability
+from twin.config import Config, Names, NonNegative, Positive, Probability
 from twin.control.driver import DriverConfig
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
@@ -97,6 +97,12 @@ class ScoringConfig(Config):
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
     limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
+    smallest_ramp_m_s: Positive | None = None
+    """Change of speed from which on reaction time and lag are measured, ``speed.reaction_accelerating_s`` and others;
+    without it they are not."""
+    reference: str | None = None
+    """Estimator from which the others' difference is measured too, ``row_speed.mean_abs_difference_m_s``: what a paper
+    without a truth took for it."""
 
 
 class RecordingConfig(Config):
@@ -106,6 +112,9 @@ class RecordingConfig(Config):
     """Rate of the truth stream."""
     baseline_trace: bool = False
     """Keep what the estimators said once a second beside the baseline of the metrics."""
+    drawn: Names = ()
+    """Estimators drawn in the recording for the viewer, where there are too many for one picture; all if none is
+    named. The streams hold all of them either way."""
 
 
 class Scenario(Config):
@@ -171,9 +180,11 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
-        bound_of = self.scoring.causal_bound_of
-        if bound_of is not None and bound_of not in self.estimators:
-            raise ValueError(f"scoring.causal_bound_of: {unknown(bound_of, self.estimators, 'estimator')}")
+        named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
+        named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of")}
+        for key, name in named.items():
+            if name is not None and name not in self.estimators:
+                raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
         return self
 
     @model_validator(mode="after")

@@ -38,8 +38,8 @@ def nis_columns(columns: Sequence[str]) -> list[str]:
 
 
 def nis_degrees(column: str) -> int:
-    """Degrees of freedom of a NIS column: positions are east and north together, everything else is one number."""
-    return 2 if column.endswith("position") else 1
+    """Degrees of freedom of a NIS column: positions and velocities are east and north together, all else one number."""
+    return 2 if column.endswith(("position", "velocity")) else 1
 
 
 def covariances(estimate: Stream, states: Sequence[str], rows: IntArray) -> FloatArray:

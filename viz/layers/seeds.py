@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from twin.recording import Recording, Stream, seed_stream_name
+from twin.recording import Stream, seed_stream_name
 from twin.signals import NS_PER_S, YAW_RATE, FloatArray, IntArray, row_position
 from viz import entities
 from viz.legible import legible
@@ -60,7 +60,7 @@ class Planted:
 
 def draw_seeds(run: Run, sheet: Sheet) -> None:
     """Draw the seeds of the first and the last estimator that metered some."""
-    shown = [planted for planted in (planted_by(run, name) for name in shown_estimators(run.recording)) if planted]
+    shown = [planted for planted in (planted_by(run, name) for name in shown_estimators(run)) if planted]
     bounds = _turn_bounds(run)
     for place, planted in enumerate(shown):
         _draw_on_field(run, sheet, planted, hidden=place > 0)
@@ -74,7 +74,7 @@ def draw_population_plot(run: Run, sheet: Sheet) -> None:
         return
     row = run.scene.outer_rows[0]
     panel = f"row_{row}_population"
-    for name in run.recording.names("seeds"):
+    for name in _seeding(run):
         planted = planted_by(run, name)
         if planted is None:
             continue
@@ -90,9 +90,14 @@ def draw_population_plot(run: Run, sheet: Sheet) -> None:
     sheet.panel(PanelKind.PLOT, entities.plot(panel), f"Seeds in row {row}, of those wanted [%]")
 
 
-def shown_estimators(recording: Recording) -> list[str]:
-    """The first and the last estimator whose seeds were recorded."""
-    names = recording.names("seeds")
+def _seeding(run: Run) -> list[str]:
+    """Estimators whose seeds were recorded and that are drawn."""
+    return [name for name in run.recording.names("seeds") if name in run.estimators]
+
+
+def shown_estimators(run: Run) -> list[str]:
+    """The first and the last of them."""
+    names = _seeding(run)
     return list(dict.fromkeys([*names[:1], *names[-1:]]))
 
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.estimators.planter import STEP_NS, make_setup, radar, sensors
+from tests.estimators.planter import STEP_NS, gnss, make_setup, radar, sensors
 from twin.errors import BadInputError
-from twin.estimators import RadarOnlyConfig, build_estimator
+from twin.estimators import GnssSpeedOnlyConfig, RadarOnlyConfig, build_estimator
 
 CONFIG = RadarOnlyConfig(kind="radar_only", sensors=("radar",))
 
@@ -45,3 +45,16 @@ def test_standing_is_zero() -> None:
 def test_it_wants_one_radar(infos, message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         build_estimator(CONFIG, make_setup(infos))
+
+
+def test_a_receivers_speed_serves_the_same_way() -> None:
+    config = GnssSpeedOnlyConfig(kind="gnss_speed_only", sensors=("gnss",))
+    estimator = build_estimator(config, make_setup({"gnss": sensors(gnss=True)["gnss"]}, runs=2))
+    estimator.process(gnss(5 * STEP_NS, 7.0, 8.0, [2.5, 2.4], t_available_ns=9 * STEP_NS))
+    np.testing.assert_array_equal(estimator.estimate(9 * STEP_NS).values, np.repeat([[2.5], [2.4]], 9, axis=1))
+
+
+def test_each_kind_refuses_the_others_sensor() -> None:
+    config = GnssSpeedOnlyConfig(kind="gnss_speed_only", sensors=("radar",))
+    with pytest.raises(BadInputError, match="'radar' is of kind 'radar'; gnss_speed_only can use gnss"):
+        build_estimator(config, make_setup({"radar": sensors()["radar"]}))
