@@ -93,3 +93,14 @@ def test_polyline_points_lie_on_the_path(route: Path) -> None:
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() <= 0.5 + 1e-9
     offsets = [route.project(east, north)[1] for east, north in points]
     assert np.abs(offsets).max() < 1e-9
+
+
+def test_a_path_may_turn_back_on_itself_at_a_corner() -> None:
+    path = Path(east_m=0.0, north_m=0.0, heading_rad=0.0, pieces=[(2.0, 0.0), (0.0, math.pi), (2.0, 0.0)])
+    assert path.length_m == 4.0
+    assert path.pose(4.0).east_m == pytest.approx(0.0, abs=1e-12)
+    # A little short of the corner: on the way there the station is 1.9 m, on the way back (from 2 m on) 2.1 m.
+    assert path.project(1.9, 0.1)[0] == pytest.approx(1.9)
+    station, offset = path.project(1.9, 0.1, near_m=2.0, from_m=2.0)
+    assert station == pytest.approx(2.1)
+    assert offset == pytest.approx(-0.1)

@@ -139,6 +139,7 @@ def estimator_setup(
         reference=scenario.machine.reference,
         rows_y_m=scenario.machine.rows_y_m,
         start_e_n_heading=scenario.machine.reference_start,
+        earth_field=scenario.magnetics.earth_field,
     )
 
 

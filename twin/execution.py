@@ -174,6 +174,9 @@ def open_world(loaded: LoadedScenario) -> World:
             seed=scenario.seed,
             dt_ns=scenario.dt_ns,
             path=_driver(scenario).path.polyline(),
+            orchard=scenario.orchard,
+            magnetics=scenario.magnetics,
+            light=scenario.light,
         )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -142,11 +142,17 @@ class Path:
     def __init__(
         self, *, east_m: float, north_m: float, heading_rad: float, pieces: Sequence[tuple[float, float]]
     ) -> None:
-        """Lay out ``pieces`` of (length m > 0, curvature 1/m) one after the other from a start pose."""
+        """Lay out ``pieces`` of (length m, curvature 1/m) one after the other from a start pose.
+
+        A piece without length is a corner: its second number is the angle (rad) by which the path turns there.
+        """
         self._pieces: list[_Piece] = []
         station = 0.0
         pose = PathPose(east_m, north_m, heading_rad, 0.0)
-        for length, curvature in pieces or [(1e-3, 0.0)]:
+        for length, curvature in pieces if any(length for length, _ in pieces) else [(1e-3, 0.0)]:
+            if length == 0.0:
+                pose = replace(pose, heading_rad=wrap_angle_scalar(pose.heading_rad + curvature))
+                continue
             piece = _Piece(station, length, pose.east_m, pose.north_m, pose.heading_rad, curvature)
             self._pieces.append(piece)
             pose = piece.pose(length)
@@ -177,11 +183,12 @@ class Path:
         return turned / ahead_m
 
     def project(
-        self, east_m: float, north_m: float, *, near_m: float | None = None, window_m: float = 10.0
+        self, east_m: float, north_m: float, *, near_m: float | None = None, window_m: float = 10.0, from_m: float = 0.0
     ) -> tuple[float, float]:
         """Station and signed lateral offset (m, positive left of the path) of the nearest point of the path.
 
-        With ``near_m`` only stations within ``window_m`` of it are looked at, so that a path may cross itself. The
+        With ``near_m`` only stations within ``window_m`` of it are looked at, so that a path may cross itself; stations
+        before ``from_m`` never are, so that it may turn back on itself at a corner. The
         offset is measured to the path itself, not to samples of it (DOMAIN A1: nearest-sample errors are 8 % high).
         """
         best: tuple[float, float, float] | None = None
@@ -189,12 +196,13 @@ class Path:
             outside = near_m is not None and not (
                 piece.station_m - window_m <= near_m <= piece.station_m + piece.length_m + window_m
             )
-            if outside:
+            if outside or piece.station_m + piece.length_m <= from_m:
                 continue
             along = piece.along(east_m, north_m)
             if near_m is not None:
                 along = min(max(along, near_m - window_m - piece.station_m), near_m + window_m - piece.station_m)
                 along = min(max(along, 0.0), piece.length_m)
+            along = max(along, from_m - piece.station_m)
             at = piece.pose(along)
             de, dn = east_m - at.east_m, north_m - at.north_m
             distance = math.hypot(de, dn)

@@ -10,6 +10,7 @@ Frames, units and time follow one convention: local ENU world, FLU body, SI and 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -111,8 +112,76 @@ class MountMotion:
     """(3,) mean angular rate in mount axes: what an ideal gyroscope integrates."""
 
 
-Need = MotionNeed
-Capture = MountMotion
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointNeed:
+    """A sensor needs the angles of joints, as an encoder on a wheel does."""
+
+    mount: Mount
+    joints: tuple[str, ...]
+    """Joints of the machine."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointMotion:
+    """Angles of joints at one instant."""
+
+    t_ns: int
+    position_enu_m: FloatArray
+    """(3,) of the mount."""
+    angle_rad: FloatArray
+    """(J,) in the order of the need; turns are counted, so that an angle grows beyond pi."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MagneticNeed:
+    """A sensor needs the magnetic field at its mount."""
+
+    mount: Mount
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MagneticField:
+    """Magnetic field at a mount at one instant: the earth's and that of all that lies in the world."""
+
+    t_ns: int
+    position_enu_m: FloatArray
+    """(3,) of the mount."""
+    field_ut: FloatArray
+    """(3,) flux density in mount axes. What moves with the machine (hard iron) is the sensor's own affair."""
+    motor_current_a: float
+    """Current that the machine's motors draw together; zero where there are none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayNeed:
+    """A sensor needs to know how far beams of light go from its mount, sent one after the other by a turning head."""
+
+    mount: Mount
+    bearings_rad: tuple[float, ...]
+    """Of the beams in the order in which they are sent, counter-clockwise from the mount's x axis in its x-y plane."""
+    reach_m: float
+    """Nothing farther is looked for."""
+    sweep_s: float
+    """Time from the first beam to the last, which is sent when the sensor samples."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayScan:
+    """How far beams went."""
+
+    t_ns: int
+    """When the last was sent."""
+    position_enu_m: FloatArray
+    """(3,) of the mount then."""
+    distance_m: FloatArray
+    """(n,) infinite where a beam met nothing within its reach."""
+    illuminance_lux: float
+    """How bright it was."""
+
+
+Need = MotionNeed | JointNeed | MagneticNeed | RayNeed
+"""What a sensor may ask for; a new kind is answered by :mod:`twin.world.watch`."""
+Capture = MountMotion | JointMotion | MagneticField | RayScan
 
 
 # --- what sensors give -----------------------------------------------------------------------------------------------
@@ -150,6 +219,27 @@ class Measurement:
         return self.values[:, self.columns.index(name)]
 
 
+# --- what anybody can look up -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EarthField:
+    """The earth's magnetic field at a place, as a model of it (IGRF, WMM) tells anybody; angles in rad."""
+
+    strength_ut: float = 46.0
+    inclination_rad: float = math.radians(56.0)
+    """Downwards positive."""
+    declination_rad: float = math.radians(5.0)
+    """Of magnetic north from true north, eastwards positive."""
+
+    @property
+    def enu_ut(self) -> FloatArray:
+        """(3,) east, north, up."""
+        level = self.strength_ut * math.cos(self.inclination_rad)
+        east, north = level * math.sin(self.declination_rad), level * math.cos(self.declination_rad)
+        return np.array([east, north, -self.strength_ut * math.sin(self.inclination_rad)])
+
+
 # --- what estimators give --------------------------------------------------------------------------------------------
 
 
@@ -180,6 +270,8 @@ class EstimatorSetup:
     """Lateral positions of the row units in the reference frame, row 1 (leftmost, largest y) first."""
     start_e_n_heading: tuple[float, float, float]
     """Nominal start pose of the reference frame (east m, north m, heading rad), as set out by the owner."""
+    earth_field: EarthField = EarthField()
+    """The undisturbed magnetic field where the machine works."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,7 +324,9 @@ class Command:
     speed_m_s: float = 0.0
     """Wanted forward speed."""
     steering_rad: float = 0.0
-    """Wanted steering angle of the equivalent single front wheel, positive to the left."""
+    """Wanted steering angle of the equivalent single front wheel, positive to the left: for a machine that steers."""
+    yaw_rate_rad_s: float = 0.0
+    """Wanted rate of turn, positive to the left: for a machine that turns by the difference of its wheels' speeds."""
     brake: bool = False
     """Hold the parking brake."""
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twin.control.driver import Driver
 from twin.recording import Recording
-from twin.scenario import loads
-from twin.world.terrain import build_terrain, wanted_extent
+from twin.scenario import Scenario, loads
+from twin.signals import FloatArray
+from twin.world.magnetics import IronConfig, MagnetConfig
+from twin.world.orchard import planted
+from twin.world.terrain import Terrain, build_terrain, wanted_extent
+from twin.world.urdf import read_urdf
 from viz.scene import Scene
+
+_PATH_STEP_M = 0.5
+"""Of the drawn path; a tenth of it for machines that turn within their own length."""
 
 
 def scene_of(recording: Recording) -> Scene:
@@ -28,10 +37,12 @@ def scene_of(recording: Recording) -> Scene:
         wheelbase_m=machine.wheelbase_m,
         seed=recording.seed,
     )
-    path = driver.path.polyline()
+    path = driver.path.polyline(_PATH_STEP_M if not machine.turns_on_the_spot else 0.1 * _PATH_STEP_M)
     terrain = recording.terrain
+    trunks = scenario.orchard.trunks(recording.seed)
     if terrain is None:
-        extent = wanted_extent(np.vstack([path, machine.vehicle_start[:2]]), machine.reach_m)
+        places = np.vstack([path, machine.vehicle_start[:2], trunks[:, :2]])
+        extent = wanted_extent(places, machine.reach_m)
         terrain = build_terrain(scenario.terrain, seed=recording.seed, extent=extent)
     return Scene(
         urdf=machine.asset,
@@ -42,6 +53,27 @@ def scene_of(recording: Recording) -> Scene:
         row_count=len(machine.rows_y_m),
         footprint_m=machine.footprint_m,
         paved=scenario.soil.preset == "asphalt",
+        trunks=planted(trunks, terrain),
+        magnets=_on_ground(scenario.magnetics.magnets, terrain),
+        iron=_on_ground(scenario.magnetics.iron, terrain),
+        scanners=_scanners(scenario),
         hidden=frozenset(set(scenario.estimators) - set(drawn)) if drawn else frozenset(),
         segment_labels=driver.segment_names,
     )
+
+
+def _on_ground(pieces: Sequence[MagnetConfig | IronConfig], terrain: Terrain) -> FloatArray:
+    """East, north, up and radius of pieces, (K, 4)."""
+    places = [(p.east_m, p.north_m, terrain.height(p.east_m, p.north_m) + p.height_m, p.radius_m) for p in pieces]
+    return np.array(places, dtype=np.float64).reshape(-1, 4)
+
+
+def _scanners(scenario: Scenario) -> dict[str, tuple[float, float, float]]:
+    """Where the lidars sit; one on another link than the root, or turned, is left out."""
+    root = read_urdf(scenario.machine.asset).links[0].name
+    mounts = {
+        name: scenario.machine.resolved_mounts[sensor.mount]
+        for name, sensor in scenario.sensors.items()
+        if sensor.kind == "lidar"
+    }
+    return {name: mount.xyz_m for name, mount in mounts.items() if mount.body == root and not any(mount.rpy_rad)}

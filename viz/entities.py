@@ -25,6 +25,10 @@ TERRAIN = "world/terrain"
 GRID = "world/grid"
 PLANNED_PATH = "world/planned_path"
 FOCUS = "world/focus"
+TRUNKS = "world/orchard/trunks"
+CROWNS = "world/orchard/crowns"
+MAGNETS = "world/magnets"
+IRON = "world/iron"
 """An invisible point that moves with the machine and that the camera follows."""
 
 
@@ -56,6 +60,11 @@ def true_trail(row: int) -> str:
 def measured_points(sensor: str) -> str:
     """Positions a sensor reported."""
     return f"{WORLD}/measurements/{sensor}"
+
+
+def scan(sensor: str) -> str:
+    """Points of a lidar's latest turn."""
+    return f"world/scan/{sensor}"
 
 
 def estimated_trail(estimator: str) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from twin.signals import FloatArray
 
-_BEYOND_M = 1.0
+_BEYOND_M, _BEYOND_SHARE = 1.0, 0.45
+"""Tyres and bodywork reach this far beyond the footprint: a metre, or this share of a small machine's diagonal."""
+_FULL_SIZE_M = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,6 +36,14 @@ class Scene:
     by default a tractor with a planter's."""
     paved: bool = False
     """The ground is asphalt, not soil: for its colour."""
+    trunks: FloatArray = field(default_factory=lambda: np.zeros((0, 5)))
+    """(N, 5) trunks of trees: east, north, radius, bottom, top, m."""
+    magnets: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    """(K, 4) east, north, up and radius, m."""
+    iron: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    """(K, 4) likewise of soft iron."""
+    scanners: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Where lidars sit on the machine's root link, by the sensor's name, m."""
     hidden: frozenset[str] = frozenset()
     """Estimators that are not drawn."""
     segment_labels: tuple[str, ...] = ()
@@ -46,9 +57,15 @@ class Scene:
 
     @property
     def machine_size_m(self) -> float:
-        """Diagonal of the machine's footprint, with a metre all round for tyres and bodywork."""
+        """Diagonal of the machine's footprint, with room all round for tyres and bodywork."""
         (back, right), (front, left) = self.footprint_m
-        return float(np.hypot(front - back + 2.0 * _BEYOND_M, left - right + 2.0 * _BEYOND_M))
+        beyond = min(_BEYOND_M, _BEYOND_SHARE * float(np.hypot(front - back, left - right)))
+        return float(np.hypot(front - back + 2.0 * beyond, left - right + 2.0 * beyond))
+
+    @property
+    def scale(self) -> float:
+        """How small all that goes with the machine (heights of lines above ground, textures) is drawn: 1 for a car."""
+        return min(1.0, self.machine_size_m / _FULL_SIZE_M)
 
     @property
     def outer_rows(self) -> tuple[int, ...]:

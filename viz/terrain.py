@@ -95,6 +95,11 @@ def terrain_mesh(scene: Scene, window: Window, *, max_vertices: int = MAX_VERTIC
     )
 
 
+def grid_spacing_m(scene: Scene) -> float:
+    """Distance of grid lines that suits the machine: ten metres, or one for a machine of less than two."""
+    return GRID_M if scene.scale > 1.0 / 3.0 else GRID_M / 10.0
+
+
 def grid_lines(scene: Scene, window: Window, spacing_m: float = GRID_M) -> list[FloatArray]:
     """Lines every ``spacing_m`` of east and north, draped on the ground: a scale for the eye. Each (K, 3)."""
     (r0, r1), (c0, c1) = window.rows, window.columns
@@ -146,8 +151,9 @@ def _texture(scene: Scene, window: Window) -> Image:
     heights = scene.heights[np.ix_(rows, columns)].astype(np.float32)
     east, north = _places(scene, rows, columns)
     slope_n, slope_e = np.gradient(heights, north.astype(np.float32), east.astype(np.float32))
-    fine = _refinement(heights.shape, (east[-1] - east[0]) / len(east))
-    mottle = _mottle(_between(north, fine), _between(east, fine))
+    texel_m = TEXEL_M * scene.scale
+    fine = _refinement(heights.shape, (east[-1] - east[0]) / len(east), texel_m)
+    mottle = _mottle(_between(north, fine), _between(east, fine), texel_m)
 
     def refined(values: Any) -> Any:
         return values.repeat(fine, axis=0).repeat(fine, axis=1)
@@ -172,9 +178,9 @@ def _relief(slope_e: Any, slope_n: Any) -> Any:
     return np.clip((sun[2] - _EXAGGERATION * (sun[0] * slope_e + sun[1] * slope_n)) / up / sun[2], 0.55, 1.35)
 
 
-def _refinement(shape: tuple[int, ...], cell_m: float) -> int:
-    """Texels per height in each direction: to ``TEXEL_M`` if the budget allows."""
-    wanted = round(cell_m / TEXEL_M)
+def _refinement(shape: tuple[int, ...], cell_m: float, texel_m: float) -> int:
+    """Texels per height in each direction: to ``texel_m`` if the budget allows."""
+    wanted = round(cell_m / texel_m)
     return max(1, min(wanted, int(math.sqrt(MAX_TEXELS / (shape[0] * shape[1])))))
 
 
@@ -186,7 +192,7 @@ def _between(places: FloatArray, fine: int) -> FloatArray:
     return between
 
 
-def _mottle(north: FloatArray, east: FloatArray) -> Any:
+def _mottle(north: FloatArray, east: FloatArray, texel_m: float) -> Any:
     """Clods and patches, about -1 to 1: one tile of 1/f noise laid at two scales, fixed to the ground."""
     frequency = np.hypot(np.fft.fftfreq(_TILE)[:, np.newaxis], np.fft.rfftfreq(_TILE)[np.newaxis, :])
     frequency[0, 0] = np.inf
@@ -194,8 +200,8 @@ def _mottle(north: FloatArray, east: FloatArray) -> Any:
     tile = np.fft.irfft2(np.fft.rfft2(white) / frequency**0.8, s=(_TILE, _TILE))
     tile = (tile / (2.5 * tile.std())).astype(np.float32)
     pattern = np.float32(0.0)
-    for texel_m, weight in ((TEXEL_M, 0.6), (9.0 * TEXEL_M, 0.4)):
-        rows = (north / texel_m).round().astype(np.int64) % _TILE
-        columns = (east / texel_m).round().astype(np.int64) % _TILE
+    for size_m, weight in ((texel_m, 0.6), (9.0 * texel_m, 0.4)):
+        rows = (north / size_m).round().astype(np.int64) % _TILE
+        columns = (east / size_m).round().astype(np.int64) % _TILE
         pattern = pattern + np.float32(weight) * tile[np.ix_(rows, columns)]
     return pattern

@@ -94,3 +94,68 @@ def test_wander_is_drawn_from_the_seed_and_bounded_by_its_statistics() -> None:
 def test_segments_that_mean_nothing_are_refused(segment: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         DriverConfig.model_validate({"path": [segment]})
+
+
+# --- a machine that turns by the difference of its wheels ------------------------------------------------------------
+
+
+def _roll(driver: Driver, duration_s: float) -> list[tuple[float, VehicleState, float, int]]:
+    """Kinematic two-wheeler, speed and yaw rate lag 0.1 s: (t, state, heading turned in all, leg)."""
+    east = north = heading = speed = rate = 0.0
+    log = []
+    for step in range(round(duration_s / STEP_S)):
+        state = VehicleState(
+            east_m=east, north_m=north, heading_rad=math.remainder(heading, 2.0 * math.pi), speed_m_s=speed
+        )
+        command = driver.command(state, STEP_S)
+        log.append((step * STEP_S, state, heading, driver.segment))
+        speed = 0.0 if command.brake else speed + (command.speed_m_s - speed) * STEP_S / 0.1
+        rate = 0.0 if command.brake else rate + (command.yaw_rate_rad_s - rate) * STEP_S / 0.1
+        east += speed * math.cos(heading) * STEP_S
+        north += speed * math.sin(heading) * STEP_S
+        heading += rate * STEP_S
+    return log
+
+
+ROBOT = {"speed_m_s": 0.5, "steering_bandwidth_1_m": 3.0, "preview_s": 0.2}
+
+
+def test_a_robot_keeps_to_its_path_by_yaw_rate() -> None:
+    driver = _driver([{"straight_m": 1.0}, {"turn_deg": 90.0, "radius_m": 0.5}, {"straight_m": 1.0}], **ROBOT)
+    end = _roll(driver, 12.0)[-1][1]
+    assert (end.east_m, end.north_m) == pytest.approx((1.5, 1.5), abs=0.03)
+    assert math.degrees(end.heading_rad) == pytest.approx(90.0, abs=2.0)
+
+
+@pytest.mark.parametrize("angle_deg", [50.0, -20.0, 180.0, -400.0])
+def test_a_spin_turns_by_its_angle_on_the_spot_and_the_path_goes_on_from_there(angle_deg: float) -> None:
+    driver = _driver([{"straight_m": 1.0}, {"spin_deg": angle_deg}, {"straight_m": 1.0}], **ROBOT)
+    log = _roll(driver, 30.0)
+    spinning = [(state, heading) for _, state, heading, leg in log if leg == 1 and abs(state.speed_m_s) < 1e-3]
+    assert all(math.hypot(state.east_m - 1.0, state.north_m) < 0.03 for state, _ in spinning)
+    # Degree by degree: it is done within one, and what the lag adds of the slow end is 0.3 rad/s x 0.1 s.
+    turned = math.degrees(spinning[-1][1])
+    assert turned == pytest.approx(angle_deg, abs=1.0 + math.degrees(0.3 * 0.1))
+    assert max(abs(math.degrees(heading)) for _, heading in spinning) <= abs(angle_deg) + 1.0
+    end = log[-1][1]
+    assert (end.east_m, end.north_m) == pytest.approx(
+        (1.0 + math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))), abs=0.04
+    )
+    assert driver.segment_names[driver.segment] == "finished"
+
+
+def test_a_spin_keeps_to_its_rate() -> None:
+    driver = _driver([{"spin_deg": 90.0}], spin_rate_deg_s=30.0, **ROBOT)
+    log = _roll(driver, 6.0)
+    headings = {round(t, 2): math.degrees(heading) for t, _, heading, _ in log}
+    assert headings[1.5] - headings[0.5] == pytest.approx(30.0, abs=0.5)
+    assert driver.segment_names == ("spin 90° left", "finished")
+
+
+@pytest.mark.parametrize(
+    ("segment", "message"),
+    [({"spin_deg": 0.0}, "no turn"), ({"spin_deg": 30.0, "straight_m": 1.0}, "straight_m and spin_deg")],
+)
+def test_a_spin_that_says_nothing_or_too_much_is_refused(segment: dict[str, float], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        DriverConfig.model_validate({"path": [segment]})

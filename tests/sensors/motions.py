@@ -13,7 +13,23 @@ from pydantic import TypeAdapter
 from twin.geometry import STANDARD_GRAVITY_M_S2, rotation_from_rpy
 from twin.sensors import AnySensorConfig, Sample, Sensor, SensorConfigUnion, build_sensor
 from twin.sensors.presets import load_preset
-from twin.signals import NS_PER_S, BoolArray, FloatArray, Measurement, Mount, MountMotion
+from twin.signals import (
+    NS_PER_S,
+    BoolArray,
+    Capture,
+    EarthField,
+    FloatArray,
+    JointMotion,
+    JointNeed,
+    MagneticField,
+    MagneticNeed,
+    Measurement,
+    Mount,
+    MountMotion,
+    Need,
+    RayNeed,
+    RayScan,
+)
 
 DT_NS = 2_000_000
 MOUNT = Mount(body="base", xyz_m=(0.0, 0.0, 0.0))
@@ -118,6 +134,23 @@ def spin(force: Sequence[float], rate: Sequence[float]) -> Motion:
 
 
 STANDING = constant(0.0)
+EARTH = EarthField()
+WHEEL_RADIUS_M = 0.033
+
+
+def shown(need: Need, motion: MountMotion) -> Capture:
+    """What a world would show: wheels roll with the mount, no magnet, no motor runs, all round a wall at 1 m."""
+    place: dict[str, Any] = {"t_ns": motion.t_ns, "position_enu_m": motion.position_enu_m}
+    match need:
+        case JointNeed():
+            turned = float(np.linalg.norm(motion.position_enu_m)) / WHEEL_RADIUS_M
+            return JointMotion(**place, angle_rad=np.full(len(need.joints), turned))
+        case MagneticNeed():
+            return MagneticField(**place, field_ut=EARTH.enu_ut @ motion.rotation, motor_current_a=0.0)
+        case RayNeed():
+            return RayScan(**place, distance_m=np.full(len(need.bearings_rad), 1.0), illuminance_lux=500.0)
+        case _:
+            return motion
 
 
 def preset(name: str) -> dict[str, Any]:
@@ -169,7 +202,7 @@ def drive(device: Sensor, motion: Motion, duration_s: float) -> Log:
     samples, taken = [], []
     before_ns = 0
     while (t_ns := device.next_tick * DT_NS) <= round(duration_s * NS_PER_S):
-        samples.append(device.sample(motion(before_ns / NS_PER_S, t_ns / NS_PER_S)))
+        samples.append(device.sample(shown(device.need, motion(before_ns / NS_PER_S, t_ns / NS_PER_S))))
         taken.append(t_ns)
         before_ns = t_ns
     return Log(sensor=device, samples=samples, taken_ns=taken)

@@ -106,3 +106,31 @@ def test_bandwidth_delays_the_signal() -> None:
 def test_bits_without_a_range_are_refused() -> None:
     with pytest.raises(ValidationError, match="adc_bits needs"):
         CONFIGS.validate_python({"kind": "imu", "mount": "m", "rate_hz": 50.0, "adc_bits": 12})
+
+
+@pytest.mark.parametrize(
+    ("accel_g", "gyro_deg_s", "accel_lsb", "gyro_lsb_deg_s"),
+    [(2, 250, 0.0006, 0.0076), (4, 500, 0.0012, 0.0153), (8, 1000, 0.0024, 0.0305), (16, 2000, 0.0048, 0.0610)],
+)
+def test_the_mpu6050_has_its_resolution_in_all_four_ranges(
+    accel_g: int, gyro_deg_s: int, accel_lsb: float, gyro_lsb_deg_s: float
+) -> None:
+    # Paper 001, eqs 8 to 15: 16 bits over twice the range, to the digits printed there.
+    ranges = {"accel_range_m_s2": accel_g * G, "gyro_range_rad_s": np.radians(gyro_deg_s)}
+    log = drive(sensor(preset("imu_mpu6050") | ranges), STANDING, 4.0)
+    values = np.concatenate([measurement.values for measurement in log.measurements])
+    for column, lsb, printed in (
+        (0, 2.0 * accel_g * G / 2**16, accel_lsb),
+        (3, np.radians(2.0 * gyro_deg_s / 2**16), np.radians(gyro_lsb_deg_s)),
+    ):
+        assert lsb == pytest.approx(printed, rel=0.01)
+        steps = values[:, column] / lsb
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+        assert len(np.unique(np.round(steps))) > 1
+
+
+def test_a_bno085_is_quieter_in_bias_and_has_its_ranges() -> None:
+    sheet = sensor(preset("imu_bno085")).info.datasheet
+    assert sheet["accel_range_m_s2"] == pytest.approx(8.0 * G)
+    assert sheet["gyro_range_rad_s"] == pytest.approx(np.radians(2000.0), rel=1e-6)
+    assert sheet["gyro_bias_rad_s"] < sensor(preset("imu_mpu6050")).info.datasheet["gyro_bias_rad_s"]

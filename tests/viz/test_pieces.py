@@ -38,21 +38,24 @@ def plane_scene(slope_e: float = 0.1, slope_n: float = -0.05, **keys: Any) -> Sc
 
 
 PLANTER, CAR = ((-4.6, -2.625), (2.79, 2.625)), ((0.0, -1.2), (2.65, 1.2))
+ROBOT = (0.0, -0.0525), (0.11, 0.0525)
+FIGURES = [(PLANTER, 1.0, 0.8), (CAR, 1.0, 0.8), (ROBOT, 0.05, 0.033)]
+"""Footprint, how far bodywork reaches beyond it, height of the hubs."""
 
 
-@pytest.mark.parametrize("footprint", [PLANTER, CAR], ids=["planter", "car"])
-def test_a_camera_sees_all_of_a_machine_and_little_else(footprint: Any) -> None:
-    # The field's view is about as wide as high and some 55 degrees across: all corners, a metre beyond the wheels, lie
-    # within half of that of its middle, and the machine fills at least a third of it.
+@pytest.mark.parametrize(("footprint", "beyond", "height"), FIGURES, ids=["planter", "car", "robot"])
+def test_a_camera_sees_all_of_a_machine_and_little_else(footprint: Any, beyond: float, height: float) -> None:
+    # The field's view is about as wide as high and some 55 degrees across: all corners of the bodywork lie within half
+    # of that of its middle, and the machine fills at least a third of it.
     run = Run(recording=make_recording(1.0), scene=plane_scene(footprint_m=footprint), result={})
-    eye, target = _seen_from_behind(run, np.array([5.0, 3.0, 0.8]), np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)]))
+    eye, target = _seen_from_behind(run, np.array([5.0, 3.0, height]), np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)]))
     look = (target - eye) / np.linalg.norm(target - eye)
     (back, right), (front, left) = footprint
     turn = np.array([[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]])
     angles = []
-    for x in (back - 1.0, front + 1.0):
-        for y in (right - 0.5, left + 0.5):
-            corner = np.array([*(turn @ (x, y) + (5.0, 3.0)), 0.8]) - eye
+    for x in (back - beyond, front + beyond):
+        for y in (right - 0.5 * beyond, left + 0.5 * beyond):
+            corner = np.array([*(turn @ (x, y) + (5.0, 3.0)), height]) - eye
             angles.append(np.degrees(np.arccos(corner @ look / np.linalg.norm(corner))))
     assert max(angles) < 27.5
     assert max(angles) > 27.5 / 3.0

@@ -1,9 +1,13 @@
-"""A driver who steers the machine's rear axle along a planned path and keeps a speed.
+"""A driver who keeps the machine's rear axle on a planned path and keeps a speed.
 
 Steering is feed-forward of the path's curvature, looked at a moment ahead (a driver turns the wheel before the bend),
 plus feedback on lateral offset e and heading error psi. In distance s along the path the closed loop is
 e'' + 2 w e' + w^2 e = 0 with w = ``steering_bandwidth_1_m``: critically damped, settling within a few 1/w metres
 whatever the speed. Speed changes at ``acceleration_m_s2`` and the driver brakes in time for a stop.
+
+The driver asks for the curvature twice over: as the steering angle of a single front wheel and as the yaw rate at the
+commanded speed; a machine takes what it has. One that can turn on the spot may be asked to (``spin_deg``): it stops and
+turns at ``spin_rate_deg_s``, slowing down before the end.
 """
 
 from __future__ import annotations
@@ -23,8 +27,15 @@ from twin.signals import Command, VehicleState
 
 CONTROL_HZ = 50.0
 _STANDING_M_S = 0.05
-_ARRIVED_M = 0.3
+_ARRIVED_M, _ARRIVED_LENGTHS = 0.3, 0.075
+"""A stop is reached within this distance, or this share of the feedback's length 1/w where that is less."""
+_LOOK_M, _LOOK_LENGTHS = 0.2, 0.05
+"""Least distance over which curvature ahead is averaged, likewise."""
 _LONGEST_PATH_M = 100_000.0
+_BEHIND_CORNER_M = 1e-6
+_SPIN_GAIN_1_S = 3.0
+_SLOWEST_SPIN_RAD_S = 0.3
+_SPUN_RAD = math.radians(1.0)
 
 
 class Segment(Config):
@@ -34,8 +45,10 @@ class Segment(Config):
     """Drive straight on for this distance."""
     turn_deg: Annotated[float, Field(ge=-3600.0, le=3600.0)] | None = None
     """Turn by this angle, positive to the left."""
-    radius_m: Annotated[float, Field(ge=1.0)] | None = None
+    radius_m: Annotated[float, Field(ge=0.1)] | None = None
     """Radius of the turn, for the middle of the rear axle."""
+    spin_deg: Annotated[float, Field(ge=-3600.0, le=3600.0)] | None = None
+    """Turn on the spot by this angle, positive to the left (only machines that can)."""
     stop_s: Positive | None = None
     """Stop and stand for this long with the brake on."""
     speed_m_s: Annotated[float, Field(gt=0.0, le=15.0)] | None = None
@@ -45,15 +58,19 @@ class Segment(Config):
 
     @model_validator(mode="after")
     def _one_thing(self) -> Self:
-        given = [name for name in ("straight_m", "turn_deg", "stop_s") if getattr(self, name) is not None]
+        given = [name for name in ("straight_m", "turn_deg", "spin_deg", "stop_s") if getattr(self, name) is not None]
         if len(given) > 1:
-            raise ValueError(f"a segment is one of straight_m, turn_deg, stop_s; given were {' and '.join(given)}")
+            raise ValueError(
+                f"a segment is one of straight_m, turn_deg, spin_deg, stop_s; given were {' and '.join(given)}"
+            )
         if not given and self.speed_m_s is None:
-            raise ValueError("a segment needs straight_m, turn_deg, stop_s or speed_m_s")
+            raise ValueError("a segment needs straight_m, turn_deg, spin_deg, stop_s or speed_m_s")
         if (self.turn_deg is None) != (self.radius_m is None):
             raise ValueError("turn_deg and radius_m go together")
         if self.turn_deg == 0.0:
             raise ValueError("turn_deg = 0 is no turn")
+        if self.spin_deg == 0.0:
+            raise ValueError("spin_deg = 0 is no turn")
         return self
 
     @property
@@ -66,6 +83,8 @@ class Segment(Config):
         if self.turn_deg is not None:
             side = "left" if self.turn_deg > 0 else "right"
             return f"turn {abs(self.turn_deg):g}° {side}, radius {self.radius_m:g} m"
+        if self.spin_deg is not None:
+            return f"spin {abs(self.spin_deg):g}° {'left' if self.spin_deg > 0 else 'right'}"
         if self.stop_s is not None:
             return f"stand {self.stop_s:g} s"
         return f"speed {self.speed_m_s:g} m/s"
@@ -80,7 +99,9 @@ class DriverConfig(Config):
     """Speed until a segment says otherwise."""
     acceleration_m_s2: Annotated[float, Field(gt=0.0, le=3.0)] = 0.5
     """How fast the driver changes speed, both ways."""
-    steering_bandwidth_1_m: Annotated[float, Field(gt=0.0, le=2.0)] = 0.25
+    spin_rate_deg_s: Annotated[float, Field(gt=0.0, le=360.0)] = 60.0
+    """Rate of turns on the spot."""
+    steering_bandwidth_1_m: Annotated[float, Field(gt=0.0, le=20.0)] = 0.25
     """Bandwidth w of the steering feedback, per metre driven."""
     preview_s: NonNegative = 0.6
     """How far ahead the driver looks at the curvature of the path."""
@@ -102,30 +123,39 @@ class DriverConfig(Config):
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """A segment laid on the path: where it begins and ends, how fast, how long to stand at its end."""
+    """A segment laid on the path: where it begins and ends, how fast, how long to stand or how far to spin there."""
 
     name: str
     from_m: float
     to_m: float
     speed_m_s: float
     stop_s: float
+    spin_rad: float
+
+    @property
+    def halts(self) -> bool:
+        """Whether the machine has to stand still for it."""
+        return self.stop_s > 0.0 or self.spin_rad != 0.0
 
 
 def _lay_out(segments: Iterable[Segment], speed_m_s: float) -> tuple[list[tuple[float, float]], list[_Leg]]:
+    """Pieces of the path, a spin being one of no length whose second number is its angle, and the legs on it."""
     pieces: list[tuple[float, float]] = []
     legs: list[_Leg] = []
     station = 0.0
     for segment in segments:
         speed_m_s = segment.speed_m_s if segment.speed_m_s is not None else speed_m_s
-        length = 0.0
+        length, spin = 0.0, math.radians(segment.spin_deg or 0.0)
         if segment.straight_m is not None:
             length = segment.straight_m
             pieces.append((length, 0.0))
         elif segment.turn_deg is not None and segment.radius_m is not None:
             length = abs(math.radians(segment.turn_deg)) * segment.radius_m
             pieces.append((length, math.copysign(1.0 / segment.radius_m, segment.turn_deg)))
-        if length or segment.stop_s is not None:
-            legs.append(_Leg(segment.name, station, station + length, speed_m_s, segment.stop_s or 0.0))
+        elif spin:
+            pieces.append((0.0, spin))
+        if length or spin or segment.stop_s is not None:
+            legs.append(_Leg(segment.name, station, station + length, speed_m_s, segment.stop_s or 0.0, spin))
         station += length
     return pieces, legs
 
@@ -152,6 +182,10 @@ class Driver:
         self._station_m = 0.0
         self._speed_m_s = 0.0
         self._stood_s = 0.0
+        self._spin_to_rad: float | None = None
+        self._corner_m = 0.0
+        self._arrived_m = min(_ARRIVED_M, _ARRIVED_LENGTHS / config.steering_bandwidth_1_m)
+        self._look_m = min(_LOOK_M, _LOOK_LENGTHS / config.steering_bandwidth_1_m)
         self._wander = world_generator(seed, "driver")
         self._offset_m = config.wander_m * float(self._wander.standard_normal())
 
@@ -162,49 +196,78 @@ class Driver:
 
     def command(self, vehicle: VehicleState, interval_s: float) -> Command:
         """Return what the driver asks of the machine now; called every ``interval_s``."""
-        self._station_m, offset_m = self.path.project(vehicle.east_m, vehicle.north_m, near_m=self._station_m)
-        standing = self._advance(vehicle.speed_m_s, interval_s)
+        self._station_m, offset_m = self.path.project(
+            vehicle.east_m, vehicle.north_m, near_m=self._station_m, from_m=self._corner_m
+        )
+        standing = self._advance(vehicle, interval_s)
+        curvature = self._curvature(vehicle, offset_m)
+        steering = math.atan(self._wheelbase_m * curvature)
         if standing:
             self._speed_m_s = 0.0
-            return Command(speed_m_s=0.0, steering_rad=self._steering(vehicle, offset_m), brake=True)
+            rate = self._spin_rate()
+            return Command(speed_m_s=0.0, steering_rad=steering, yaw_rate_rad_s=rate, brake=rate == 0.0)
         limit = self._config.acceleration_m_s2 * interval_s
         step = min(max(self._wanted_speed() - self._speed_m_s, -limit), limit)
         self._speed_m_s += step
         self._walk_offset(interval_s)
-        return Command(speed_m_s=self._speed_m_s, steering_rad=self._steering(vehicle, offset_m))
+        return Command(speed_m_s=self._speed_m_s, steering_rad=steering, yaw_rate_rad_s=self._speed_m_s * curvature)
 
-    def _advance(self, speed_m_s: float, interval_s: float) -> bool:
+    def _advance(self, vehicle: VehicleState, interval_s: float) -> bool:
         """Move on to the leg the machine is in; tell whether the machine has to stand now."""
+        speed_m_s = vehicle.speed_m_s
         while self.segment < len(self._legs):
             leg = self._legs[self.segment]
-            if leg.stop_s == 0.0:
+            if not leg.halts:
                 if self._station_m < leg.to_m - 1e-6 and not self._stops_short(leg, speed_m_s):
                     return False
             else:
-                arrived = self._station_m >= leg.to_m - _ARRIVED_M and abs(speed_m_s) < _STANDING_M_S
-                if not arrived and self._stood_s == 0.0:
+                arrived = self._station_m >= leg.to_m - self._arrived_m and abs(speed_m_s) < _STANDING_M_S
+                if not arrived and self._stood_s == 0.0 and self._spin_to_rad is None:
                     return False
+                if leg.spin_rad and self._spinning(leg, vehicle.heading_rad):
+                    return True
                 if self._stood_s < leg.stop_s - interval_s / 2.0:
                     self._stood_s += interval_s
                     return True
             self.segment += 1
             self._stood_s = 0.0
+            if self._spin_to_rad is not None:
+                self._spin_to_rad = None
+                self._corner_m = self._station_m = leg.to_m
         return abs(speed_m_s) < _STANDING_M_S
+
+    def _spinning(self, leg: _Leg, heading_rad: float) -> bool:
+        """Begin a spin, or look how far it is: tell whether there is anything left of it."""
+        if self._spin_to_rad is None:
+            self._spin_to_rad = leg.spin_rad
+            self._spun_from_rad = heading_rad
+        self._spin_to_rad -= wrap_angle_scalar(heading_rad - self._spun_from_rad)
+        self._spun_from_rad = heading_rad
+        return math.copysign(1.0, leg.spin_rad) * self._spin_to_rad > _SPUN_RAD
+
+    def _spin_rate(self) -> float:
+        """Rate of the spin under way; zero without one."""
+        if self._spin_to_rad is None or self.segment >= len(self._legs):
+            return 0.0
+        largest = math.radians(self._config.spin_rate_deg_s)
+        slowest = min(_SLOWEST_SPIN_RAD_S, largest)
+        rate = min(max(_SPIN_GAIN_1_S * abs(self._spin_to_rad), slowest), largest)
+        return math.copysign(rate, self._spin_to_rad)
 
     def _stops_short(self, leg: _Leg, speed_m_s: float) -> bool:
         """Tell whether the machine has come to rest within reach of a stop at the end of this leg."""
-        stop_next = self.segment + 1 == len(self._legs) or self._legs[self.segment + 1].stop_s > 0.0
-        near = self._station_m >= leg.to_m - _ARRIVED_M
+        stop_next = self.segment + 1 == len(self._legs) or self._legs[self.segment + 1].halts
+        near = self._station_m >= leg.to_m - self._arrived_m
         return stop_next and near and abs(speed_m_s) < _STANDING_M_S
 
     def _wanted_speed(self) -> float:
         """Leg's speed, limited so that the next lower speed or stop is reached at its station."""
         if self.segment >= len(self._legs):
             return 0.0
-        wanted = self._legs[self.segment].speed_m_s if self._legs[self.segment].stop_s == 0.0 else math.inf
+        wanted = self._legs[self.segment].speed_m_s if not self._legs[self.segment].halts else math.inf
         deceleration = 0.9 * self._config.acceleration_m_s2
         for leg in self._legs[self.segment :]:
-            target, at_m = (0.0, leg.to_m) if leg.stop_s > 0.0 else (leg.speed_m_s, leg.from_m)
+            target, at_m = (0.0, leg.to_m) if leg.halts else (leg.speed_m_s, leg.from_m)
             ahead = max(0.0, at_m - self._station_m)
             wanted = min(wanted, math.sqrt(target**2 + 2.0 * deceleration * ahead))
         end = max(0.0, self._legs[-1].to_m - self._station_m)
@@ -216,11 +279,12 @@ class Driver:
             shock = self._config.wander_m * math.sqrt(1.0 - keep * keep)
             self._offset_m = keep * self._offset_m + shock * float(self._wander.standard_normal())
 
-    def _steering(self, vehicle: VehicleState, offset_m: float) -> float:
+    def _curvature(self, vehicle: VehicleState, offset_m: float) -> float:
+        """Curvature to be driven, 1/m."""
         w = self._config.steering_bandwidth_1_m
-        ahead_m = max(0.2, vehicle.speed_m_s * self._config.preview_s)
+        ahead_m = max(self._look_m, vehicle.speed_m_s * self._config.preview_s)
         forward = self.path.curvature_ahead(self._station_m, ahead_m)
-        heading_error = wrap_angle_scalar(vehicle.heading_rad - self.path.pose(self._station_m).heading_rad)
+        on_leg_m = max(self._station_m, self._corner_m + _BEHIND_CORNER_M)
+        heading_error = wrap_angle_scalar(vehicle.heading_rad - self.path.pose(on_leg_m).heading_rad)
         error_m = float(np.clip(offset_m - self._offset_m, -3.0, 3.0))
-        curvature = forward - w * w * error_m - 2.0 * w * math.sin(heading_error)
-        return math.atan(self._wheelbase_m * curvature)
+        return forward - w * w * error_m - 2.0 * w * math.sin(heading_error)

@@ -16,12 +16,14 @@ from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
+from twin.signals import JointNeed
 from twin.validation import did_you_mean
-from twin.world import MachineConfig, SoilConfig, TerrainConfig
+from twin.world import LightConfig, MachineConfig, MagneticsConfig, OrchardConfig, SoilConfig, TerrainConfig
 from twin.world.terrain import FileTerrain
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _LARGEST_RECORDING_BYTES = 4e9
+_TIGHTEST_STEERED_M = 1.0
 
 
 class WorldConfig(Config):
@@ -135,6 +137,12 @@ class Scenario(Config):
     world: WorldConfig = WorldConfig()
     terrain: TerrainConfig
     soil: SoilConfig
+    orchard: OrchardConfig = OrchardConfig()
+    """Trees; without them there are none."""
+    light: LightConfig = LightConfig()
+    """How bright it is."""
+    magnetics: MagneticsConfig = MagneticsConfig()
+    """The earth's magnetic field, and magnets and iron in the field."""
     machine: MachineConfig
     driver: DriverConfig
     sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)
@@ -164,6 +172,10 @@ class Scenario(Config):
         for name, sensor in self.sensors.items():
             if sensor.mount not in self.machine.mounts:
                 raise ValueError(f"sensors.{name}.mount: {unknown(sensor.mount, self.machine.mounts, 'mount')}")
+            need = sensor.need(self.machine.mounts[sensor.mount].mount())
+            for joint in need.joints if isinstance(need, JointNeed) else ():
+                if joint not in self.machine.joint_names:
+                    raise ValueError(f"sensors.{name}: {unknown(joint, self.machine.joint_names, 'joint')}")
         for name, estimator in self.estimators.items():
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
@@ -173,6 +185,20 @@ class Scenario(Config):
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
+        return self
+
+    @model_validator(mode="after")
+    def _machine_can(self) -> Self:
+        if self.machine.turns_on_the_spot:
+            return self
+        for segment in self.driver.path:
+            if segment.spin_deg is not None:
+                raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
+            if segment.radius_m is not None and segment.radius_m < _TIGHTEST_STEERED_M:
+                raise ValueError(
+                    f"driver.path: radius_m = {segment.radius_m:g}: a {self.machine.kind} turns on"
+                    f" {_TIGHTEST_STEERED_M:g} m or more"
+                )
         return self
 
     @model_validator(mode="after")
@@ -195,7 +221,7 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _bounded_memory(self) -> Self:
-        rates = [s.rate_hz * 40 for s in self.sensors.values()]
+        rates = [s.rate_hz * s.recorded_columns for s in self.sensors.values()]
         rates += [estimator.rate_hz * 80 for estimator in self.estimators.values()]
         if self.seeding is not None:
             rates += [self.seeding.largest_rate_hz * len(self.machine.rows_y_m) * 6] * len(self.estimators)

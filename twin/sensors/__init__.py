@@ -14,7 +14,10 @@ from twin.sensors.accosat import AccoSat, AccoSatConfig
 from twin.sensors.base import Sample, Sensor, SensorConfig
 from twin.sensors.gnss import Gnss, GnssConfig
 from twin.sensors.imu import Imu, ImuConfig
+from twin.sensors.lidar import Lidar, LidarConfig
+from twin.sensors.magnetometer import Magnetometer, MagnetometerConfig
 from twin.sensors.radar import Radar, RadarConfig
+from twin.sensors.wheel_encoders import WheelEncoders, WheelEncodersConfig
 from twin.signals import Mount
 
 __all__ = [
@@ -25,11 +28,13 @@ __all__ = [
     "build_sensor",
 ]
 
-AnySensorConfig = ImuConfig | RadarConfig | AccoSatConfig | GnssConfig
+AnySensorConfig = (
+    ImuConfig | RadarConfig | AccoSatConfig | GnssConfig | WheelEncodersConfig | MagnetometerConfig | LidarConfig
+)
 SensorConfigUnion = Annotated[AnySensorConfig, Field(discriminator="kind")]
 
 
-def build_sensor(
+def build_sensor(  # noqa: PLR0911  (one for each kind)
     config: AnySensorConfig, *, name: str, mount: Mount, dt_ns: int, seed: int, runs: Sequence[int]
 ) -> Sensor:
     """Make the sensor of this configuration, for the given runs of one world.
@@ -46,5 +51,11 @@ def build_sensor(
             return AccoSat(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case GnssConfig():
             return Gnss(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case WheelEncodersConfig():
+            return WheelEncoders(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case MagnetometerConfig():
+            return Magnetometer(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case LidarConfig():
+            return Lidar(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case _:
             assert_never(config)

@@ -35,7 +35,7 @@ from twin.config import NonNegative, Positive
 from twin.sensors.base import Reading, Sensor, SensorConfig
 from twin.sensors.noise import GaussMarkov, Streams, WhiteNoise, decay, noise_sigma, sensitivity_matrices
 from twin.sensors.pulses import SPEED_AND_PULSES, PulseCounter
-from twin.signals import NS_PER_S, Capture, FloatArray, Mount
+from twin.signals import NS_PER_S, Capture, FloatArray, Mount, MountMotion
 
 
 class AccoSatConfig(SensorConfig):
@@ -128,6 +128,7 @@ class AccoSat(Sensor):
         )
 
     def _measure(self, capture: Capture) -> Reading:
+        assert isinstance(capture, MountMotion)
         self._truth[0] = capture.mean_velocity_enu_m_s @ capture.rotation[:, 0]
         east, north, _ = capture.mean_velocity_enu_m_s.tolist()
         fused = self._fusion.step(

@@ -62,6 +62,15 @@ class SensorConfig(Config):
     """Of losing one sample, in each run independently."""
     faults: FaultList = ()
 
+    @property
+    def recorded_columns(self) -> int:
+        """About how many numbers a sample leaves in memory."""
+        return 40
+
+    def need(self, mount: Mount) -> Need:
+        """What a sensor on this mount asks the world for."""
+        return MotionNeed(mount=mount)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sample:
@@ -119,7 +128,7 @@ class Sensor(ABC):
         period = period_ticks(config.rate_hz, dt_ns, key="rate_hz")
         self.name = name
         self.mount = mount
-        self.need: Need = MotionNeed(mount=mount)
+        self.need: Need = config.need(mount)
         self.period_s = period * dt_ns / NS_PER_S
         self.hidden_columns = (*map(error_column, self.error_columns), *self.extra_hidden_columns, CLOCK_ERROR)
         self._dt_ns = dt_ns
@@ -161,7 +170,7 @@ class Sensor(ABC):
 
     @abstractmethod
     def _measure(self, capture: Capture) -> Reading:
-        """Turn truth into values: the sensor's physics."""
+        """Turn truth into values: the sensor's physics. ``capture`` answers the need of its configuration."""
 
     @abstractmethod
     def _datasheet(self, config: SensorConfig) -> dict[str, float]:
@@ -172,7 +181,7 @@ class Sensor(ABC):
         """(n,) standard deviation of one sample's error, what ``noise_factor`` multiplies; zero where none."""
 
     def sample(self, capture: Capture) -> Sample:
-        """Take the sample that is due; ``capture`` is the mount's motion at ``next_tick`` since the last capture."""
+        """Take the sample that is due; ``capture`` answers its need at ``next_tick``, since the last capture."""
         t_ns, stamp_ns, latency_ns = capture.t_ns, self._schedule.stamp_ns, self._schedule.latency_ns
         assert t_ns == self.next_tick * self._dt_ns, "captured at another tick than next_tick"
         events = self._faults.look(t_ns, capture.position_enu_m) if self._faults else ()

@@ -40,7 +40,7 @@ from twin.sensors.gnss_outputs import (
 from twin.sensors.gnss_states import FixState, FixStates, dilution
 from twin.sensors.kernels import wrap
 from twin.sensors.noise import Quantiser, RampLowPass
-from twin.signals import HEADING, POSITION, Capture, FloatArray, IntArray, Mount
+from twin.signals import HEADING, POSITION, Capture, FloatArray, IntArray, Mount, MountMotion
 
 _NO_COURSE_M_S = 1e-3
 """Slower than this, the true course has no meaning."""
@@ -152,6 +152,7 @@ class Gnss(Sensor):
             self._sigmas.append(self.columns.index(HEADING_SIGMA))
 
     def _measure(self, capture: Capture) -> Reading:
+        assert isinstance(capture, MountMotion)
         t_ns, position = capture.t_ns, capture.position_enu_m
         disturbances, reference_ns = self._disturbances, self._corrections.reference_ns
         disturbances.update()
@@ -192,7 +193,7 @@ class Gnss(Sensor):
             self._dilution_of[satellites] = dilution(self._table, satellites)
         return self._dilution_of[satellites]
 
-    def _put_velocity(self, values: FloatArray, capture: Capture, index: IntArray, normals: FloatArray) -> None:
+    def _put_velocity(self, values: FloatArray, capture: MountMotion, index: IntArray, normals: FloatArray) -> None:
         velocity = capture.velocity_enu_m_s
         true_speed = math.hypot(velocity[0], velocity[1])
         self._truth[3] = true_speed

@@ -33,7 +33,7 @@ from twin.sensors.noise import (
     noise_sigma,
     sensitivity_matrices,
 )
-from twin.signals import Capture, FloatArray, Mount
+from twin.signals import Capture, FloatArray, Mount, MountMotion
 
 _COLUMNS = (
     "accel_x_m_s2",
@@ -131,6 +131,7 @@ class Imu(Sensor):
         )
 
     def _measure(self, capture: Capture) -> Reading:
+        assert isinstance(capture, MountMotion)
         truth = self._truth
         truth[:3] = capture.mean_specific_force_m_s2
         truth[3:] = capture.mean_rate_rad_s

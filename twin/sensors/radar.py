@@ -29,7 +29,7 @@ from twin.sensors import kernels
 from twin.sensors.base import Reading, Sensor, SensorConfig
 from twin.sensors.noise import WhiteNoise, decay
 from twin.sensors.pulses import SPEED_AND_PULSES, PulseCounter
-from twin.signals import NS_PER_S, Capture, FloatArray, Mount
+from twin.signals import NS_PER_S, Capture, FloatArray, Mount, MountMotion
 
 
 class RadarConfig(SensorConfig):
@@ -119,6 +119,7 @@ class Radar(Sensor):
         )
 
     def _measure(self, capture: Capture) -> Reading:
+        assert isinstance(capture, MountMotion)
         forward, _, up = (capture.mean_velocity_enu_m_s @ capture.rotation).tolist()
         self._truth[0] = forward
         doppler = np.abs(self._forward * forward + self._up * up)

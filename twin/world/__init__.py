@@ -3,8 +3,11 @@
 The configuration sections are light to import; only :mod:`twin.world.simulation` imports pybullet.
 """
 
+from twin.world.light import LightConfig
 from twin.world.machines import MachineConfig
+from twin.world.magnetics import MagneticsConfig
+from twin.world.orchard import OrchardConfig
 from twin.world.soil import SoilConfig
 from twin.world.terrain import TerrainConfig
 
-__all__ = ["MachineConfig", "SoilConfig", "TerrainConfig"]
+__all__ = ["LightConfig", "MachineConfig", "MagneticsConfig", "OrchardConfig", "SoilConfig", "TerrainConfig"]

@@ -38,6 +38,9 @@ class Wheel:
     """Vertical."""
     damping_n_s_m: float
     """Vertical."""
+    grip: float = 1.0
+    """Share of the soil's slip stiffness and friction that it finds: a ball in a socket, which may turn any way, finds
+    little."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +89,10 @@ class Drive(Protocol):
     """Joints held by a stiff servo."""
     engaged: bool
     """False puts it in neutral: no drive torque; brakes still work."""
+    steering_rad: float
+    """Steering angle of the equivalent single front wheel now; zero where nothing steers."""
+    current_a: float
+    """Electric current that all motors draw now; zero where there are none."""
 
     def reset(self) -> None:
         """Go back to standstill."""
@@ -137,8 +144,8 @@ class BarConfig(Config):
     """Link of the machine."""
     xyz_m: Vector3
     """Origin in the link's frame."""
-    rows_y_m: Annotated[tuple[float, ...], Strict(strict=False), Field(min_length=1, max_length=64)]
-    """Lateral positions of the row units, from row 1 (leftmost, largest) on."""
+    rows_y_m: Annotated[tuple[float, ...], Strict(strict=False), Field(max_length=64)] = ()
+    """Lateral positions of the row units, from row 1 (leftmost, largest) on; none for a machine without."""
 
     @field_validator("rows_y_m")
     @classmethod
@@ -165,6 +172,8 @@ class MachineBaseConfig(Config):
     asset: ClassVar[Path]
     default_mounts: ClassVar[dict[str, MountConfig]]
     default_bar: ClassVar[BarConfig]
+    turns_on_the_spot: ClassVar[bool] = False
+    """Whether a driver can ask for a spin."""
 
     mounts: dict[str, MountConfig] = Field(default_factory=dict)
     """Mounts to add to the machine's own, or to put in their place."""
@@ -197,8 +206,13 @@ class MachineBaseConfig(Config):
 
     @property
     def wheelbase_m(self) -> float:
-        """From the rear axle, which follows the path, to the steered one."""
+        """From the rear axle, which follows the path, to the steered one; zero where nothing steers."""
         raise NotImplementedError
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints of the machine."""
+        return tuple(joint.name for joint in read_urdf(self.asset).joints)
 
     @property
     def resolved_mounts(self) -> dict[str, Mount]:
@@ -253,4 +267,4 @@ class MachineBaseConfig(Config):
         """No part of the machine is farther from the middle of the rear axle than this."""
         urdf = read_urdf(self.asset)
         ends = [float(math.hypot(*urdf.zero_pose(link.name)[0][:2])) for link in urdf.links]
-        return max(ends) + max(abs(y) for y in self.rows_y_m) + abs(self.reference.xyz_m[0])
+        return max(ends) + max((abs(y) for y in self.rows_y_m), default=0.0) + abs(self.reference.xyz_m[0])

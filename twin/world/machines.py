@@ -7,7 +7,10 @@ from typing import Annotated
 
 from pydantic import Field
 
+from twin.world.orchard_robot import OrchardRobotConfig, OrchardRobotLargeConfig
 from twin.world.planter_f8 import PlanterF8Config
 from twin.world.prototype_car import PrototypeCarConfig
 
-MachineConfig = Annotated[PlanterF8Config | PrototypeCarConfig, Field(discriminator="kind")]
+MachineConfig = Annotated[
+    PlanterF8Config | PrototypeCarConfig | OrchardRobotConfig | OrchardRobotLargeConfig, Field(discriminator="kind")
+]

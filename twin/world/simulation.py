@@ -23,8 +23,6 @@ from twin.signals import (
     Capture,
     Command,
     FloatArray,
-    Mount,
-    MountMotion,
     Need,
     VehicleState,
     row_position,
@@ -32,10 +30,14 @@ from twin.signals import (
 )
 from twin.world import dynamics, tyres
 from twin.world.body import PhysicsBody
+from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
+from twin.world.magnetics import Magnetics, MagneticsConfig
+from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
 from twin.world.soil import Soil, SoilConfig
 from twin.world.statics import spring_preloads, static_loads
 from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
+from twin.world.watch import Watch, mount_row
 
 _SETTLING_S = 4.0
 _SETTLING_DAMPING = 3.0
@@ -56,17 +58,30 @@ _WHEEL_COLUMNS = (
 class World:
     """One machine on one terrain.
 
-    Time is counted in integer ticks of ``dt_ns``. The machine begins settled on the ground with its brakes on; the
-    motion of a mount is accumulated for whoever :meth:`watch`-es it.
+    Time is counted in integer ticks of ``dt_ns``. The machine begins settled on the ground with its brakes on; what a
+    sensor needs is shown to whoever :meth:`watch`-es it.
 
     Raises:
-        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain.
+        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree or
+            a magnet does not lie on it.
     """
 
     def __init__(
-        self, *, terrain: Terrain, soil: Soil, machine: MachineModel, seed: int, dt_ns: int = 2_000_000
+        self,
+        *,
+        terrain: Terrain,
+        soil: Soil,
+        machine: MachineModel,
+        trunks: FloatArray | None = None,
+        magnetics: MagneticsConfig | None = None,
+        light: LightConfig | None = None,
+        seed: int,
+        dt_ns: int = 2_000_000,
     ) -> None:
         self.terrain = terrain
+        self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
+        self._light = light if light is not None else LightConfig()
+        self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
         self.machine = machine
         self.seed = seed
         self.dt_ns = dt_ns
@@ -126,13 +141,19 @@ class World:
             ]
         ).reshape(-1, 6)
         self._reference_body = urdf.link_index(machine.reference.body)
-        self._reference = self._mount_row(machine.reference)
+        self._reference = mount_row(machine.reference)
         self._rows = np.array(machine.rows_y_m)
-        self._watched: dict[str, int] = {}
-        self._started_tick: dict[str, int] = {}
-        self._bodies = np.zeros(0, dtype=np.int64)
-        self._mounts = np.zeros((0, dynamics.MOUNT_COLUMNS))
-        self._sums = np.zeros((0, dynamics.ACCUMULATOR_COLUMNS))
+        self._watch = Watch(
+            urdf=urdf,
+            links=self._links,
+            joint_angles=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
+            terrain=self.terrain,
+            trunks=self.trunks,
+            magnetics=self.magnetics,
+            light=self._light,
+            current_a=lambda: self._drive.current_a,
+            dt_ns=self.dt_ns,
+        )
         self._grid = (terrain := self.terrain).west_m, terrain.south_m, terrain.cell_m
         self.truth_columns = self._name_columns()
         self._truth_head = np.zeros(11 + 3 * len(self._rows))
@@ -140,9 +161,6 @@ class World:
     def _spin_inertia(self, joint: int) -> float:
         axis = np.array(self._body.urdf.joints[joint].axis)
         return float(np.abs(axis) @ np.array(self._body.urdf.links[joint + 1].inertia_kg_m2))
-
-    def _mount_row(self, mount: Mount) -> FloatArray:
-        return np.array([*mount.xyz_m, *rotation_from_rpy(*mount.rpy_rad).ravel()])
 
     def _name_columns(self) -> tuple[str, ...]:
         rows = range(1, len(self._rows) + 1)
@@ -209,7 +227,7 @@ class World:
             self.terrain.heights, *self._grid, self._tools, self._springs, self._rolling_resistance,
             actuation.torque_n_m, actuation.brake_n_m, dt, loads, limits,
         )  # fmt: skip
-        watched = self._bodies, self._mounts, self._sums
+        watched = self._watch.bodies, self._watch.mounts, self._watch.sums
         mounts: tuple[Any, ...] = self._com, state, self._links, *watched, dt, STANDARD_GRAVITY_M_S2
         q = state[dynamics.JOINTS : dynamics.JOINTS + count].tolist()
         qd = state[dynamics.JOINTS + count :].tolist()
@@ -246,7 +264,7 @@ class World:
             north_m=float(root[1]),
             heading_rad=heading,
             speed_m_s=speed,
-            steering_rad=self._drive.diagnostics()[0],
+            steering_rad=self._drive.steering_rad,
         )
 
     def truth(self) -> FloatArray:
@@ -267,51 +285,12 @@ class World:
         )
 
     def watch(self, name: str, need: Need) -> None:
-        """Accumulate the motion of a mount from now on, for :meth:`capture` under this name."""
-        index = len(self._watched)
-        mount = self._mount_row(need.mount)
-        body = self._body.urdf.link_index(need.mount.body)
-        row = np.zeros(dynamics.ACCUMULATOR_COLUMNS)
-        dynamics.place_mount(self._links[body], mount, row)
-        row[dynamics.ACC_START : dynamics.ACC_START + 3] = row[:3]
-        rotation = row[dynamics.ACC_ROTATION : dynamics.ACC_ROTATION + 9].reshape(3, 3)
-        # Until the first step the machine has stood on its brakes.
-        row[dynamics.ACC_LAST_FORCE : dynamics.ACC_LAST_FORCE + 3] = rotation[2] * STANDARD_GRAVITY_M_S2
-        row[dynamics.ACC_LAST_RATE : dynamics.ACC_LAST_RATE + 3] = rotation.T @ self._links[body, dynamics.RATE :]
-        self._watched[name] = index
-        self._started_tick[name] = self.tick
-        self._bodies = np.append(self._bodies, np.int64(body))
-        self._mounts = np.vstack([self._mounts, mount])
-        self._sums = np.vstack([self._sums, row])
+        """Answer this need from now on, to :meth:`capture` under this name."""
+        self._watch.add(name, need, self.tick)
 
     def capture(self, name: str) -> Capture:
-        """Motion of a watched mount now, and its means since the previous capture of that name.
-
-        With no step in between, the means are those of the latest step (and ``interval_s`` is 0).
-        """
-        row = self._sums[self._watched[name]]
-        steps = self.tick - self._started_tick[name]
-        force = row[dynamics.ACC_FORCE : dynamics.ACC_FORCE + 3]
-        rate = row[dynamics.ACC_RATE : dynamics.ACC_RATE + 3]
-        start = row[dynamics.ACC_START : dynamics.ACC_START + 3]
-        position = row[dynamics.ACC_POSITION : dynamics.ACC_POSITION + 3]
-        velocity = row[dynamics.ACC_VELOCITY : dynamics.ACC_VELOCITY + 3]
-        interval_s = steps * self.dt_ns / NS_PER_S
-        last = (dynamics.ACC_LAST_FORCE, dynamics.ACC_LAST_RATE)
-        motion = MountMotion(
-            t_ns=self.tick * self.dt_ns,
-            interval_s=interval_s,
-            position_enu_m=position.copy(),
-            rotation=row[dynamics.ACC_ROTATION : dynamics.ACC_ROTATION + 9].reshape(3, 3).copy(),
-            velocity_enu_m_s=velocity.copy(),
-            mean_velocity_enu_m_s=(position - start) / interval_s if steps else velocity.copy(),
-            mean_specific_force_m_s2=force / steps if steps else row[last[0] : last[0] + 3].copy(),
-            mean_rate_rad_s=rate / steps if steps else row[last[1] : last[1] + 3].copy(),
-        )
-        start[:] = position
-        force[:] = rate[:] = 0.0
-        self._started_tick[name] = self.tick
-        return motion
+        """What a watcher needs, now (see :mod:`twin.world.watch`)."""
+        return self._watch.capture(name, self.tick)
 
     def bare_step_us(self, steps: int = 2000) -> float:
         """Wall time of one bare ``pybullet.stepSimulation`` of the same machine, in microseconds.
@@ -363,11 +342,14 @@ def build_world(
     seed: int,
     dt_ns: int = 2_000_000,
     path: FloatArray | None = None,
+    orchard: OrchardConfig | None = None,
+    magnetics: MagneticsConfig | None = None,
+    light: LightConfig | None = None,
 ) -> World:
     """Make the world of a scenario.
 
     ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
-    made to cover it with the machine's reach around, or, if its size is configured, has to.
+    made to cover it with the machine's reach around (and all trees), or, if its size is configured, has to.
 
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
@@ -375,7 +357,9 @@ def build_world(
     model = machine.model()
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
-    ground = build_terrain(terrain, seed=seed, extent=wanted)
+    trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
+    covered = wanted_extent(np.vstack([points, trunks[:, :2]]), machine.reach_m)
+    ground = build_terrain(terrain, seed=seed, extent=covered)
     west, south, east, north = ground.extent
     if (
         wanted[0] + MARGIN_M < west
@@ -387,4 +371,13 @@ def build_world(
             f" {wanted[2]:.0f} m and north {wanted[1]:.0f} to {wanted[3]:.0f} m; the terrain is {west:.0f} to"
             f" {east:.0f} m by {south:.0f} to {north:.0f} m"
         )
-    return World(terrain=ground, soil=soil.soil(), machine=model, seed=seed, dt_ns=dt_ns)
+    return World(
+        terrain=ground,
+        soil=soil.soil(),
+        machine=model,
+        trunks=trunks,
+        magnetics=magnetics,
+        light=light,
+        seed=seed,
+        dt_ns=dt_ns,
+    )

@@ -63,11 +63,12 @@ class TractorDrive:
         self._knuckle_left, self._knuckle_right = (urdf.joint_index(name) for name in spec.knuckles)
         self.servos: tuple[int, ...] = (self._knuckle_left, self._knuckle_right)
         self.engaged = True
+        self.current_a = 0.0
         self.reset()
 
     def reset(self) -> None:
         """Go back to standstill, wheels straight."""
-        self._steering_rad = self._setpoint_m_s = self._integral_n = self._force_n = 0.0
+        self.steering_rad = self._setpoint_m_s = self._integral_n = self._force_n = 0.0
 
     def step(self, command: Command, q: list[float], qd: list[float], dt_s: float, out: Actuation) -> None:
         """Advance by one step from joint angles and rates, and fill ``out``."""
@@ -99,15 +100,15 @@ class TractorDrive:
     def _steer(self, wanted_rad: float, q: list[float], dt_s: float, out: Actuation) -> None:
         spec = self._spec
         wanted = min(max(wanted_rad, -spec.largest_steering_rad), spec.largest_steering_rad)
-        rate = (wanted - self._steering_rad) / (spec.steering_lag_s + dt_s)
-        self._steering_rad += min(max(rate, -spec.steering_rate_rad_s), spec.steering_rate_rad_s) * dt_s
-        left, right = ackermann(self._steering_rad, spec.wheelbase_m, spec.front_track_m)
+        rate = (wanted - self.steering_rad) / (spec.steering_lag_s + dt_s)
+        self.steering_rad += min(max(rate, -spec.steering_rate_rad_s), spec.steering_rate_rad_s) * dt_s
+        left, right = ackermann(self.steering_rad, spec.wheelbase_m, spec.front_track_m)
         out.servo_rad_s[self._knuckle_left] = _SERVO_1_S * (left - q[self._knuckle_left])
         out.servo_rad_s[self._knuckle_right] = _SERVO_1_S * (right - q[self._knuckle_right])
 
     def diagnostics(self) -> tuple[float, ...]:
         """Steering angle of the equivalent single wheel, axle torque, speed set-point."""
-        return self._steering_rad, self._force_n * self._spec.rolling_radius_m, self._setpoint_m_s
+        return self.steering_rad, self._force_n * self._spec.rolling_radius_m, self._setpoint_m_s
 
 
 def ackermann(steering_rad: float, wheelbase_m: float, track_m: float) -> tuple[float, float]:

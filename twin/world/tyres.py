@@ -38,7 +38,8 @@ from twin.world.soil import Soil
 # Columns of the parameter table, one row per wheel.
 RADIUS, STIFFNESS, DAMPING, HALF_LENGTH, HALF_WIDTH = range(5)
 SLIP_X, SLIP_Y, RELAX_X, RELAX_Y, MASS_X, MASS_Y, FRICTION, SPIN_INERTIA = range(5, 13)
-WHEEL_PARAMETERS = 13
+FULL_DAMPING = 13
+WHEEL_PARAMETERS = 14
 
 # Columns of the result table, one row per wheel.
 NORMAL, FORCE_X, FORCE_Y, SLIP_RATIO, SLIP_ANGLE, ARM, SPRING = range(7)
@@ -49,7 +50,8 @@ _RELAXATION_X_RADII = 0.5
 _RELAXATION_Y_RADII = 0.8
 """Relaxation lengths in wheel radii: a choice between the half contact length and the radius."""
 _FULL_DAMPING_M = 0.005
-"""The normal damper comes in over this deflection, so that touching down is not a blow."""
+"""The normal damper comes in over this deflection, so that touching down is not a blow; on small wheels, which never
+deflect so far, over half of the static deflection."""
 _SLOWEST_M_S = 0.05
 """Below this wheel speed the reported slip is a ratio of noise; it is reported against this speed."""
 
@@ -66,13 +68,14 @@ def wheel_parameters(wheel: Wheel, soil: Soil, *, static_load_n: float, spin_ine
     row[RADIUS], row[STIFFNESS], row[DAMPING] = wheel.radius_m, wheel.stiffness_n_m, wheel.damping_n_s_m
     row[HALF_LENGTH] = math.sqrt(2.0 * wheel.radius_m * deflection)
     row[HALF_WIDTH] = 0.5 * wheel.width_m
-    row[SLIP_X], row[SLIP_Y] = soil.longitudinal_stiffness, soil.lateral_stiffness
+    row[SLIP_X], row[SLIP_Y] = wheel.grip * soil.longitudinal_stiffness, wheel.grip * soil.lateral_stiffness
     row[RELAX_X] = _RELAXATION_X_RADII * wheel.radius_m
     row[RELAX_Y] = _RELAXATION_Y_RADII * wheel.radius_m
     row[MASS_X] = 1.0 / (1.0 / mass + wheel.radius_m**2 / spin_inertia_kg_m2)
     row[MASS_Y] = mass
-    row[FRICTION] = soil.friction
+    row[FRICTION] = wheel.grip * soil.friction
     row[SPIN_INERTIA] = spin_inertia_kg_m2
+    row[FULL_DAMPING] = min(_FULL_DAMPING_M, 0.5 * deflection)
     return row
 
 
@@ -123,7 +126,7 @@ def tyre_force(
         result[NORMAL] = result[FORCE_X] = result[FORCE_Y] = result[SLIP_RATIO] = result[SLIP_ANGLE] = 0.0
         result[SPRING] = 0.0
         return
-    damper = parameters[DAMPING] * min(1.0, depth / _FULL_DAMPING_M)
+    damper = parameters[DAMPING] * min(1.0, depth / parameters[FULL_DAMPING])
     normal = max(0.0, parameters[STIFFNESS] * depth + damper * closing)
     stiffness_x = parameters[SLIP_X] * normal / parameters[RELAX_X]
     stiffness_y = parameters[SLIP_Y] * normal / parameters[RELAX_Y]

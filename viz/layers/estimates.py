@@ -44,7 +44,8 @@ def draw_estimates(run: Run, sheet: Sheet) -> None:
 
 def _on_ground(run: Run, points: FloatArray) -> FloatArray:
     """Points (T, 2) as (T, 3), a little above the ground."""
-    return np.column_stack([points, run.scene.height_at(points[:, 0], points[:, 1]) + _LIFT_M])
+    lift = _LIFT_M * run.scene.scale
+    return np.column_stack([points, run.scene.height_at(points[:, 0], points[:, 1]) + lift])
 
 
 def _seen(stream: Stream, values: FloatArray) -> IntArray:

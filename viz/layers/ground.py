@@ -8,7 +8,7 @@ import rerun as rr
 from twin.signals import FloatArray
 from viz import entities
 from viz.sheet import PanelKind, Run, Sheet
-from viz.terrain import GRID_M, grid_lines, terrain_mesh, window_around
+from viz.terrain import grid_lines, grid_spacing_m, terrain_mesh, window_around
 
 _LIFT_M = 0.05
 
@@ -29,18 +29,19 @@ def draw_ground(run: Run, sheet: Sheet) -> None:
             albedo_texture=mesh.texture,
         ),
     )
-    lines = grid_lines(scene, window)
+    spacing_m = grid_spacing_m(scene)
+    lines = grid_lines(scene, window, spacing_m)
     if lines:
         sheet.static(entities.GRID, rr.LineStrips3D(lines, colors=[(70, 58, 42)], radii=rr.Radius.ui_points(0.5)))
     if len(scene.planned_path) > 1:
         path = scene.planned_path
-        height = scene.height_at(path[:, 0], path[:, 1]) + _LIFT_M
+        height = scene.height_at(path[:, 0], path[:, 1]) + _LIFT_M * scene.scale
         strip = np.column_stack([path, height])
         sheet.static(
             entities.PLANNED_PATH,
             rr.LineStrips3D([strip], colors=[entities.PLANNED_COLOUR], radii=rr.Radius.ui_points(1.0)),
         )
-    sheet.panel(PanelKind.FIELD, entities.WORLD, f"Field, grid of {GRID_M:g} m")
+    sheet.panel(PanelKind.FIELD, entities.WORLD, f"Field, grid of {spacing_m:g} m")
 
 
 def _visited(run: Run) -> FloatArray:

@@ -20,10 +20,11 @@ _STILL = 1e-4
 """A machine that moves less than this (m, rad, quaternion) is not drawn anew: a tenth of a millimetre."""
 _EYE = np.array([-0.70, 0.585, 0.405])
 """From what the camera looks at to where it stands at the start: behind, to the left, above."""
-_EYE_DIAGONALS = 1.08
+_EYE_DIAGONALS, _AMONG_TREES = 1.08, 2.2
+"""Distance of the camera in diagonals of the machine, and how many times that where there are trees to be seen."""
 _LOOK_FROM_BACK, _LOOK_M = 0.28, 0.8
-"""The camera looks at a point of the machine's middle line, nearer its back, where its tools work, and at this height,
-from as many diagonals of the machine away."""
+"""The camera looks at a point of the machine's middle line, nearer its back, where its tools work, and at this height
+(times the scale of the scene), from as many diagonals of the machine away."""
 _Frames = tuple[str, str]
 """Names of parent and child frame."""
 
@@ -112,9 +113,10 @@ def joint_transform(joint: rr.urdf.UrdfJoint, value: FloatArray) -> tuple[FloatA
 def _seen_from_behind(run: Run, position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Eye and look target of a camera behind the machine, as far off as its size asks for."""
     (back, right), (front, left) = run.scene.footprint_m
-    look = np.array([back + _LOOK_FROM_BACK * (front - back), 0.5 * (left + right), _LOOK_M])
+    look = np.array([back + _LOOK_FROM_BACK * (front - back), 0.5 * (left + right), _LOOK_M * run.scene.scale])
     x, y, z, w = quaternion
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     level = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     target = position + level @ look
-    return target + level @ (_EYE_DIAGONALS * run.scene.machine_size_m * _EYE), target
+    distance = _EYE_DIAGONALS * run.scene.machine_size_m * (_AMONG_TREES if len(run.scene.trunks) else 1.0)
+    return target + level @ (distance * _EYE), target

@@ -31,11 +31,11 @@ def draw_trail(
     if points is None:
         return
     keep = thin(stream.t_ns, _TRAIL_HZ)
-    keep = keep[spaced(points[keep], SEGMENT_M)]
+    keep = keep[spaced(points[keep], SEGMENT_M * run.scene.scale)]
     if len(keep) < 2:
         return
     points = points[keep]
-    strip = np.column_stack([points, run.scene.height_at(points[:, 0], points[:, 1]) + _LIFT_M])
+    strip = np.column_stack([points, run.scene.height_at(points[:, 0], points[:, 1]) + _LIFT_M * run.scene.scale])
     pieces = np.stack([strip[:-1], strip[1:]], axis=1)
     sheet.rows(entity, stream.t_ns[keep[1:]], rr.LineStrips3D.columns(strips=pieces.astype(np.float32)))
     sheet.static(entity, rr.LineStrips3D.from_fields(colors=[colour], radii=rr.Radius.ui_points(width)))

@@ -1,0 +1,53 @@
+"""Plots of a robot that goes by compass and wheels: strength of the measured magnetic field, speeds of the wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from twin.signals import FloatArray, IntArray
+from viz import entities
+from viz.sheet import PanelKind, Run, Sheet
+from viz.thinning import thin
+
+PLOT_HZ = 25.0
+_FIELD = ("mag_x_ut", "mag_y_ut", "mag_z_ut")
+_LEFT, _RIGHT = (242, 166, 90), (110, 180, 250)
+
+
+def draw_field_strength(run: Run, sheet: Sheet) -> None:
+    """Plot the length of what each magnetometer measured: in an undisturbed field, calibrated, it does not change."""
+    for sensor in run.recording.names("measurements"):
+        stream = run.recording.measurements(sensor)
+        field = run.columns(stream, *_FIELD)
+        if field is not None:
+            keep = thin(stream.t_ns, PLOT_HZ)
+            strength = np.linalg.norm(field[keep], axis=1)
+            _line(sheet, entities.plot("field_strength", sensor), stream.t_ns[keep], strength, entities.MEASURED_COLOUR)
+    sheet.panel(PanelKind.PLOT, entities.plot("field_strength"), "Measured field strength [uT]")
+
+
+def draw_wheel_speeds(run: Run, sheet: Sheet) -> None:
+    """Plot the true rates of two driven wheels, and what their speed loops want."""
+    truth = run.truth
+    if truth is None or len(truth) < 2:
+        return
+    for side, colour in (("left", _LEFT), ("right", _RIGHT)):
+        found = run.columns(truth, f"joint.wheel_{side}_rad", f"wheel_setpoint_{side}_rad_s")
+        if found is None:
+            return
+        keep = thin(truth.t_ns, PLOT_HZ)
+        t_ns, angle, wanted = truth.t_ns[keep], found[keep, 0], found[keep, 1]
+        rate = np.gradient(angle, (t_ns - t_ns[0]) / 1e9)
+        _line(sheet, entities.plot("wheel_speed", side), t_ns, rate, colour)
+        _line(sheet, entities.plot("wheel_speed", f"{side}_wanted"), t_ns, wanted, entities.dimmed(colour))
+    sheet.panel(PanelKind.PLOT, entities.plot("wheel_speed"), "Speed of the wheels [rad/s]")
+
+
+def _line(sheet: Sheet, entity: str, t_ns: IntArray, values: FloatArray, colour: entities.Colour) -> None:
+    known = np.isfinite(values)
+    name = entities.legend_name(entity.rpartition("/")[2])
+    sheet.rows(entity, t_ns[known], rr.Scalars.columns(scalars=values[known]))
+    sheet.curve(entity, name, t_ns[known], values[known])
+    if known.any():
+        sheet.static(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]))
