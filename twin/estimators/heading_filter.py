@@ -5,8 +5,8 @@ alone, with a magnetometer, with wheel encoders, or with both. What it does that
 
 * the gyroscope's **bias is a state** of all three axes, learnt whenever the machine rests
   (:mod:`twin.estimators.heading_rest`), with nothing like a dead band: a slow turn is not lost;
-* **gravity** counts by how far the accelerometer can be trusted: little while the machine moves, less the further the
-  specific force is from g, not at all beyond ``trust_ratio``;
+* **gravity** is what the accelerometer shows over the time in which a machine cannot have gained speed: accelerations
+  cancel, a tilt does not. At rest it counts at once;
 * the **magnetometer** is levelled by the whole attitude, and recognised as disturbed by strength, dip and its rate
   against the gyroscope (:mod:`twin.estimators.magnetic_disturbance`). What is left of the local field's deviation is
   two states, one constant and one that comes and goes. That is what keeps a magnet that is not recognised from
@@ -40,9 +40,10 @@ from twin.estimators.heading_model import (
     B,
     BiasSeen,
     FieldSeen,
-    GravitySeen,
+    VelocitySeen,
     HeadingMotion,
     T,
+    V,
     exponential,
     product,
     rotate,
@@ -60,10 +61,14 @@ from twin.signals import Measurement, SensorInfo
 KIND = "heading_filter"
 _RESTING_RAD_RTS = float(np.deg2rad(0.005))
 """Growth of the attitude's uncertainty at rest: sway of the ground, not of the gyroscope."""
-_TURN_S = 1.0
-"""A turn of one second makes of a scale error, taken for white, the right angle error."""
-_GAP_RATE_RAD_S = 0.5
-"""How fast the machine may turn while the inertial unit is silent, 1 sigma; a choice."""
+_TILT_S = 1.0
+"""How long an error of the tilt lasts; a choice, between the gyroscope's short noise and a slow offset."""
+_TURN_RAD = float(np.pi)
+"""A half turn makes of a scale error, taken for white, the right angle error; less of a turn, more than that."""
+_RESTING_M_S = 0.01
+"""How well a resting machine rests."""
+_GAP_RATE_RAD_S, _GAP_ACCEL_M_S2 = 0.5, 1.0
+"""How fast the machine may turn and accelerate while the inertial unit is silent, 1 sigma; a choice."""
 
 
 class HeadingNoiseConfig(Config):
@@ -80,12 +85,10 @@ class HeadingNoiseConfig(Config):
     gyro_scale_ratio: NonNegative = 0.01
     field_ut: Positive = 0.5
     """Of a magnetometer sample (paper 001, section 4.1: 0.24 to 0.70)."""
-    motion_m_s2: Positive = 0.5
-    """Acceleration and vibration of the moving machine (0.3 to 0.7 measured on small ground robots)."""
-    motion_correlation_s: Positive = 0.1
-    """How long such an acceleration lasts."""
-    trust_ratio: Positive = 0.3
-    """Deviation of the specific force from g, in g, beyond which it says nothing of gravity."""
+    speed_m_s: Positive = 1.0
+    """Speed of the machine, or of a hand that carries it, 1 sigma; a choice."""
+    speed_s: Positive = 0.5
+    """How long it keeps such a speed; a choice."""
 
 
 class HeadingFilterConfig(HeadingConfig):
@@ -101,6 +104,8 @@ class HeadingFilterConfig(HeadingConfig):
     """The part that comes and goes."""
     deviation_s: Positive = 60.0
     """How long it lasts."""
+    deviation_turn_rad: Positive = 1.0
+    """Over what turn it lasts: the machine's own iron pushes the field another way after a turn of a radian or so."""
     engine: Literal["auto", "filterpy", "ensemble"] = "auto"
     """Kalman engine; auto: filterpy for a single run."""
     preparation: PreparationConfig = PreparationConfig(standstill_s=0.0, accelerometer_offset=False, filtered=False)
@@ -145,10 +150,9 @@ class HeadingFilter:
         self._motion = HeadingMotion(
             bias_walk_rad_s_rts=self._sheet.bias_walk,
             deviation_rad=config.deviation_sigma_rad,
-            deviation_s=config.deviation_s,
             runs=runs,
         )
-        self._gravity, self._field = GravitySeen(), FieldSeen(runs=runs)
+        self._velocity, self._field = VelocitySeen(), FieldSeen()
         self._resting_bias = BiasSeen(self._sheet.gyro**2)
         self._rest = RestDetector(
             config.rest, accel_noise_m_s2=self._sheet.accel, gyro_noise_rad_s=self._sheet.gyro, runs=runs
@@ -164,6 +168,7 @@ class HeadingFilter:
         start = float(setup.start_e_n_heading[2])
         self.q: FloatArray = np.tile([0.0, 0.0, np.sin(0.5 * start), np.cos(0.5 * start)], (runs, 1))
         """(R, 4) attitude held, body to world, (x, y, z, w)."""
+        self._attitude: FloatArray = rotation_of(self.q)
         self._heading: FloatArray = np.full(runs, start)
         self._started: BoolArray = np.zeros(runs, dtype=np.bool_)
         self._resting: BoolArray = np.zeros(runs, dtype=np.bool_)
@@ -179,6 +184,7 @@ class HeadingFilter:
         sigma[T + 2] = config.start_heading_sigma_rad if config.heading_reference == "start" else np.pi
         standing = config.preparation.standstill_s > 0.0 and config.preparation.gyro_offset
         sigma[B : B + 3] = self._sheet.gyro if standing else self._sheet.bias
+        sigma[V : V + 3] = config.noise.speed_m_s
         sigma[D0], sigma[D] = config.declination_sigma_rad, config.deviation_sigma_rad
         return np.tile(np.diag(sigma**2), (self._runs, 1, 1))
 
@@ -200,7 +206,7 @@ class HeadingFilter:
             self._wheels.count(prepared.slots, prepared.counted, prepared.dt_s)
         if prepared.dt_s > 0.0:
             self._predict(prepared)
-            self._hear_gravity(prepared)
+            self._hear_velocity(prepared)
         if prepared.magnetic.any():
             self._hear_field(prepared)
         if self._wheels is not None:
@@ -247,62 +253,71 @@ class HeadingFilter:
         self._motion.attitude = rotation_of(half)
         self.q = product(self.q, exponential(dt_s * self._rate))
         self._follow()
-        noise = self._motion.noise
-        noise.turn_variance = np.where(turning, self._turn_variance(sample), _RESTING_RAD_RTS**2 * dt_s)
+        turned = np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)) * dt_s
+        self._noise_of(sample, turning, turned)
+        force = rotate(self._motion.attitude, sample.force)
+        force = np.where(self._started[:, np.newaxis], force, np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2]))
+        self.engine.predict(self._motion, force, dt_s)
+        resting = self._resting & sample.inertial
+        if resting.any():
+            self.engine.update(self._resting_bias, sample.rate, resting)
+
+    def _noise_of(self, sample: HeadingSample, turning: BoolArray, turned: FloatArray) -> None:
+        """What this step adds: noise and scale of the sensors, and what was not heard; ``turned`` (R,) in rad."""
+        config, sheet, noise, dt_s = self._config, self._sheet, self._motion.noise, sample.dt_s
+        silent_s = np.where(sample.inertial, dt_s - self._step_s, dt_s)
+        heard = (sheet.gyro * self._step_s) ** 2 + sheet.scale**2 * turned * _TURN_RAD
+        turning_variance = heard + (_GAP_RATE_RAD_S * silent_s) ** 2
+        noise.turn_variance = np.where(turning, turning_variance, _RESTING_RAD_RTS**2 * dt_s)
+        noise.speed_variance = (sheet.accel * self._step_s) ** 2 + (_GAP_ACCEL_M_S2 * silent_s) ** 2
+        noise.deviation_kept = np.exp(-dt_s / config.deviation_s - turned / config.deviation_turn_rad)
         if self._wheels is not None:
             noise.slip_variance = self._wheels.take_slip_variance()
-        self.engine.predict(self._motion, self._rate, dt_s)
-        self.engine.update(self._resting_bias, sample.rate, self._resting & sample.inertial)
 
-    def _turn_variance(self, sample: HeadingSample) -> FloatArray:
-        """Variance (R,) of a component of the rotation of this step: noise, scale, and what was not heard."""
-        silent_s = np.where(sample.inertial, sample.dt_s - self._step_s, sample.dt_s)
-        square = np.einsum("ri,ri->r", self._rate, self._rate)
-        heard = (self._sheet.gyro * self._step_s) ** 2 + self._sheet.scale**2 * square * sample.dt_s * _TURN_S
-        return np.asarray(heard + (_GAP_RATE_RAD_S * silent_s) ** 2)
-
-    def _hear_gravity(self, sample: HeadingSample) -> None:
-        noise, g = self._config.noise, STANDARD_GRAVITY_M_S2
-        force = rotate(rotation_of(self.q), sample.force)
-        excess = np.sqrt(np.einsum("ri,ri->r", force, force)) - g
-        lasting = max(1.0, 2.0 * noise.motion_correlation_s / sample.dt_s)
-        moving = (noise.motion_m_s2**2 + excess**2) * lasting
-        variance = (self._sheet.accel**2 + np.where(self._resting, 0.0, moving)) / g**2
-        mask = sample.inertial & self._started & (np.abs(excess) <= noise.trust_ratio * g)
-        self.engine.update(self._gravity, force[:, :2] / g, mask, np.repeat(variance[:, np.newaxis], 2, axis=1))
+    def _hear_velocity(self, sample: HeadingSample) -> None:
+        """The machine stays about where it is; at rest, just where it is."""
+        noise = self._config.noise
+        lasting = max(1.0, 2.0 * noise.speed_s / sample.dt_s)
+        variance = np.where(self._resting, _RESTING_M_S**2, noise.speed_m_s**2 * lasting)
+        self.engine.update(
+            self._velocity, np.zeros((self._runs, 3)), self._started, np.repeat(variance[:, np.newaxis], 3, axis=1)
+        )
 
     def _hear_field(self, sample: HeadingSample) -> None:
         """Judge the field, and take its heading where it is the earth's."""
-        field = rotate(rotation_of(product(exponential(self.engine.x[:, T : T + 3]), self.q)), sample.field)
+        field = rotate(self._attitude, sample.field)
         across = np.maximum(np.hypot(field[:, 0], field[:, 1]), 1e-9)
         strength = np.sqrt(np.einsum("ri,ri->r", field, field))
         dip = np.arctan2(-field[:, 2], across)
-        held = rotate(rotation_of(self.q), sample.field)
-        self._field.angle = np.arctan2(held[:, 1], held[:, 0])
-        self._field.tan_dip = np.tan(np.where(np.isfinite(self._detector.dip), self._detector.dip, dip))
-        x = self.engine.x
-        seen = wrap_angle(self._field.angle - self._config.magnetic_north_rad)[:, np.newaxis]
+        x, P = self.engine.x, self.engine.P
+        angle = np.arctan2(field[:, 1], field[:, 0])
         expected = self._field.h(x)
-        seen = expected + wrap_angle(seen - expected)
+        seen = expected + wrap_angle((angle - self._config.magnetic_north_rad)[:, np.newaxis] - expected)
         variance = (self._sheet.field / across) ** 2
+        # What the tilt may be off by, about the axis of the field, makes tan(dip) times as much of heading.
+        sine, cosine = np.sin(angle), np.cos(angle)
+        tilt = cosine**2 * P[:, T, T] + sine**2 * P[:, T + 1, T + 1] + 2.0 * sine * cosine * P[:, T, T + 1]
+        by_tilt = np.tan(dip) ** 2 * tilt
         found = innovation(self.engine, self._field, seen, np.zeros((self._runs, 1)))
         known = self._started & sample.magnetic
         use, adopted = self._detector.step(
             strength,
             dip,
             innovation=found.y[:, 0],
-            expected=found.S[:, 0, 0],
+            expected=found.S[:, 0, 0] + by_tilt,
             sample_variance=variance,
             turning=np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)),
             fresh=known,
             dt_s=max(sample.dt_s, self._step_s),
         )
         if adopted.any():  # another place has another deviation
-            P = self.engine.P.copy()
+            P = P.copy()
             P[:, D, D] += np.where(adopted, found.y[:, 0] ** 2, 0.0)
             self.engine.restore(x, P)
             self._detector.forget_heading(adopted)
-        self.engine.update(self._field, seen, use, variance[:, np.newaxis])
+        if use.any():
+            lasting = max(1.0, 2.0 * _TILT_S / max(sample.dt_s, self._step_s))
+            self.engine.update(self._field, seen, use, (variance + by_tilt * lasting)[:, np.newaxis])
 
     def _settle(self) -> None:
         """Put what the updates found of the attitude into the quaternion."""
@@ -314,9 +329,9 @@ class HeadingFilter:
         self._follow()
 
     def _follow(self) -> None:
-        """The heading of the attitude held, without jumps."""
-        attitude = rotation_of(self.q)
-        heading = np.arctan2(attitude[:, 1, 0], attitude[:, 0, 0])
+        """The attitude held as a matrix, and its heading, without jumps."""
+        self._attitude = rotation_of(self.q)
+        heading = np.arctan2(self._attitude[:, 1, 0], self._attitude[:, 0, 0])
         self._heading = self._heading + wrap_angle(heading - self._heading)
 
     # --- out ---------------------------------------------------------------------------------------------------------
@@ -326,7 +341,7 @@ class HeadingFilter:
         sample = self._inputs.close()
         if sample is not None:
             self._take(sample)
-        attitude, P = rotation_of(self.q), self.engine.P
+        attitude, P = self._attitude, self.engine.P
         roll = np.arctan2(attitude[:, 2, 1], attitude[:, 2, 2])
         pitch = np.arcsin(np.clip(-attitude[:, 2, 0], -1.0, 1.0))
         yaw_rate = rotate(attitude, self._rate)[:, 2]

@@ -12,28 +12,39 @@ B      3    gyroscope bias b, body axes, rad/s
 D0     1    constant part of the local field's deviation from magnetic north, rad
 D      1    its part that comes and goes: Gauss-Markov (buildings, iron in the ground, hard iron left over)
 C      1    heading minus the heading counted by the wheels, rad: drifts as the wheels slip
+V      3    velocity, world axes, m/s
 ====== ==== =========================================================================================
 
-Motion, with w = gyroscope - b:  theta' = -C_held (db),  b' = white,  D' = -D / tau + white,  C' = white with the way
-and the turn. Observations: what each says of theta is linear, because theta lives in the axes in which gravity and
-north are fixed. For gravity, C_held f / g = (-theta_y, theta_x, 1). For a field of horizontal angle a and dip d,
+Motion, with w = gyroscope - b:  theta' = -C_held (db),  b' = white,  D fades with time and with the angle turned (iron
+that the body carries pushes the field another way after a turn) and is driven by white noise,  C' = white with the way
+and the turn,  V' = a + theta x a - g up with a = C_held f. Observations: what each says of theta is linear, because
+theta lives in the axes in which gravity and north are fixed.
 
-    angle(C_held m) - north = D0 + D - theta_z - tan(d) (cos(a) theta_x + sin(a) theta_y),
+**Gravity** enters by the velocity. An accelerometer cannot tell a tilt from an acceleration, but a machine that stays
+about where it is cannot accelerate one way for long: its velocity is zero to within a metre a second or so, while a
+tilt would make it grow without end. So what is observed is V = 0, with the sigma of the speeds to be expected. That
+tells far more than to take accelerations for white noise on gravity, because they cancel. At rest the sigma is small.
 
-d positive below the horizon, as in the northern hemisphere. For the wheels, turned - heading held = theta_z - C.
+For a field of horizontal angle a and dip d,
+
+    angle(C_held m) - north = D0 + D - theta_z - tan(d) (cos(a) theta_x + sin(a) theta_y).
+
+The last term is left out of H and counted as noise: with tan(d) above 2 a field that is off by a little would otherwise
+tilt the attitude rather than turn it. For the wheels, turned - heading held = theta_z - C.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from twin.compiled import compiled
+from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import FloatArray
 
-T, B, D0, D, C = 0, 3, 6, 7, 8
-SIZE = 9
+T, B, D0, D, C, V = 0, 3, 6, 7, 8, 9
+SIZE = 12
 
 
 @dataclass(slots=True)
@@ -44,77 +55,86 @@ class StepNoise:
     """(R,) of each component of theta gathered in this step, rad^2."""
     slip_variance: FloatArray
     """(R,) of C gathered in this step, rad^2."""
+    speed_variance: FloatArray
+    """(R,) of each component of V gathered in this step, (m/s)^2."""
+    deviation_kept: FloatArray
+    """(R,) what is left of D after this step, 0 to 1."""
 
 
 class HeadingMotion:
     """Motion of the error state; ``attitude`` (R, 3, 3), body to world, and ``noise`` are set before a prediction."""
 
-    def __init__(self, *, bias_walk_rad_s_rts: float, deviation_rad: float, deviation_s: float, runs: int) -> None:
+    def __init__(self, *, bias_walk_rad_s_rts: float, deviation_rad: float, runs: int) -> None:
         self.attitude: FloatArray = np.tile(np.eye(3), (runs, 1, 1))
-        self.noise = StepNoise(np.zeros(runs), np.zeros(runs))
+        self.noise = StepNoise(np.zeros(runs), np.zeros(runs), np.zeros(runs), np.ones(runs))
         self._bias_density = bias_walk_rad_s_rts**2
         self._deviation = deviation_rad
-        self._deviation_s = deviation_s
 
-    def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
-        """State after ``dt_s`` (R, 9), the held attitude having followed the gyroscope, and its Jacobian."""
+    def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """State after ``dt_s`` (R, 12), the held attitude having followed the gyroscope, and its Jacobian.
+
+        ``u`` (R, 3) is the specific force in world axes, by the attitude held, m/s^2.
+        """
         F = np.zeros((len(x), SIZE, SIZE))
         F[:] = np.eye(SIZE)
         F[:, T : T + 3, B : B + 3] = -dt_s * self.attitude
-        keep = math.exp(-dt_s / self._deviation_s)
-        F[:, D, D] = keep
+        F[:, D, D] = self.noise.deviation_kept
+        for axis in range(3):
+            first, second = (axis + 1) % 3, (axis + 2) % 3
+            # (theta x a)_axis = theta_first a_second - theta_second a_first
+            F[:, V + axis, T + first] = dt_s * u[:, second]
+            F[:, V + axis, T + second] = -dt_s * u[:, first]
         moved = x.copy()
-        moved[:, D] = keep * x[:, D]
+        moved[:, V : V + 3] += dt_s * u
+        moved[:, V + 2] -= dt_s * STANDARD_GRAVITY_M_S2
+        moved[:, D] = self.noise.deviation_kept * x[:, D]
         return moved, F
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
-        """Process noise (R, 9, 9)."""
+        """Process noise (R, 12, 12)."""
         Q = np.zeros((len(self.noise.turn_variance), SIZE, SIZE))
         for axis in range(3):
             Q[:, T + axis, T + axis] = self.noise.turn_variance
             Q[:, B + axis, B + axis] = self._bias_density * dt_s
-        Q[:, D, D] = self._deviation**2 * (1.0 - math.exp(-2.0 * dt_s / self._deviation_s))
+            Q[:, V + axis, V + axis] = self.noise.speed_variance
+        Q[:, D, D] = self._deviation**2 * (1.0 - self.noise.deviation_kept**2)
         Q[:, C, C] = self.noise.slip_variance
         return Q
 
 
-class GravitySeen:
-    """The horizontal part of the specific force over g, world axes: (-theta_y, theta_x)."""
+class VelocitySeen:
+    """The machine stays about where it is: its velocity is zero, to within the sigma of its speeds."""
 
     def __init__(self) -> None:
-        self.R: FloatArray = np.ones(2)
-        self._H: FloatArray = np.zeros((2, SIZE))
-        self._H[0, T + 1], self._H[1, T] = -1.0, 1.0
+        self.R: FloatArray = np.ones(3)
+        self._H: FloatArray = np.zeros((3, SIZE))
+        self._H[np.arange(3), V + np.arange(3)] = 1.0
 
     def h(self, x: FloatArray) -> FloatArray:
-        """Expected (R, 2)."""
-        return np.stack([-x[:, T + 1], x[:, T]], axis=-1)
+        """Velocity (R, 3)."""
+        return x[:, V : V + 3]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (2, 9)."""
+        """Jacobian (3, 12)."""
         return self._H
 
 
 class FieldSeen:
-    """The angle of the horizontal field minus magnetic north; ``angle`` and ``tan_dip`` (R,) are set before use."""
+    """The angle of the horizontal field minus magnetic north: D0 + D - theta_z."""
 
-    def __init__(self, *, runs: int) -> None:
+    def __init__(self) -> None:
         self.R: FloatArray = np.ones(1)
-        self.angle: FloatArray = np.zeros(runs)
-        self.tan_dip: FloatArray = np.zeros(runs)
+        self._H: FloatArray = np.zeros((1, SIZE))
+        self._H[0, T + 2], self._H[0, D0], self._H[0, D] = -1.0, 1.0, 1.0
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected (R, 1)."""
-        return np.einsum("rmi,ri->rm", self.H(x), x)
+        expected: FloatArray = (x[:, D0] + x[:, D] - x[:, T + 2])[:, np.newaxis]
+        return expected
 
-    def H(self, x: FloatArray) -> FloatArray:  # noqa: N802
-        """Jacobian (R, 1, 9)."""
-        H = np.zeros((len(x), 1, SIZE))
-        H[:, 0, T] = -self.tan_dip * np.cos(self.angle)
-        H[:, 0, T + 1] = -self.tan_dip * np.sin(self.angle)
-        H[:, 0, T + 2] = -1.0
-        H[:, 0, D0] = H[:, 0, D] = 1.0
-        return H
+    def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
+        """Jacobian (1, 12)."""
+        return self._H
 
 
 class WheelsSeen:
@@ -130,7 +150,7 @@ class WheelsSeen:
         return x[:, T + 2 : T + 3] - x[:, C : C + 1]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (1, 9)."""
+        """Jacobian (1, 12)."""
         return self._H
 
 
@@ -147,50 +167,54 @@ class BiasSeen:
         return x[:, B : B + 3]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (3, 9)."""
+        """Jacobian (3, 12)."""
         return self._H
 
 
 # --- rotations over the ensemble axis --------------------------------------------------------------------------------
 
 
+@compiled
 def rotation_of(q: FloatArray) -> FloatArray:
     """Rotation (R, 3, 3) of unit quaternions (R, 4) as (x, y, z, w)."""
-    x, y, z, w = q.T
-    C_ = np.empty((len(q), 3, 3))
-    C_[:, 0, 0], C_[:, 1, 1], C_[:, 2, 2] = (
-        1.0 - 2.0 * (y * y + z * z),
-        1.0 - 2.0 * (x * x + z * z),
-        1.0 - 2.0 * (x * x + y * y),
-    )
-    C_[:, 0, 1], C_[:, 1, 0] = 2.0 * (x * y - z * w), 2.0 * (x * y + z * w)
-    C_[:, 0, 2], C_[:, 2, 0] = 2.0 * (x * z + y * w), 2.0 * (x * z - y * w)
-    C_[:, 1, 2], C_[:, 2, 1] = 2.0 * (y * z - x * w), 2.0 * (y * z + x * w)
-    return C_
+    out = np.empty((len(q), 3, 3))
+    for m in range(len(q)):
+        x, y, z, w = q[m, 0], q[m, 1], q[m, 2], q[m, 3]
+        out[m, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+        out[m, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+        out[m, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+        out[m, 0, 1], out[m, 1, 0] = 2.0 * (x * y - z * w), 2.0 * (x * y + z * w)
+        out[m, 0, 2], out[m, 2, 0] = 2.0 * (x * z + y * w), 2.0 * (x * z - y * w)
+        out[m, 1, 2], out[m, 2, 1] = 2.0 * (y * z - x * w), 2.0 * (y * z + x * w)
+    return out
 
 
+@compiled
 def exponential(rotation: FloatArray) -> FloatArray:
     """Unit quaternions (R, 4) of rotation vectors (R, 3)."""
-    half = 0.5 * np.sqrt(np.einsum("ri,ri->r", rotation, rotation))
-    scale = 0.5 * np.sinc(half / np.pi)
-    return np.concatenate([rotation * scale[:, np.newaxis], np.cos(half)[:, np.newaxis]], axis=1)
+    out = np.empty((len(rotation), 4))
+    for m in range(len(rotation)):
+        x, y, z = rotation[m, 0], rotation[m, 1], rotation[m, 2]
+        half = 0.5 * np.sqrt(x * x + y * y + z * z)
+        scale = 0.5 * np.sin(half) / half if half > 1e-6 else 0.5 - half * half / 12.0
+        out[m, 0], out[m, 1], out[m, 2], out[m, 3] = scale * x, scale * y, scale * z, np.cos(half)
+    return out
 
 
+@compiled
 def product(p: FloatArray, q: FloatArray) -> FloatArray:
     """Quaternion products (R, 4), normalised: first q, then p."""
-    px, py, pz, pw = p.T
-    qx, qy, qz, qw = q.T
-    out = np.stack(
-        [
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-            pw * qw - px * qx - py * qy - pz * qz,
-        ],
-        axis=-1,
-    )
-    unit: FloatArray = out / np.sqrt(np.einsum("ri,ri->r", out, out))[:, np.newaxis]
-    return unit
+    out = np.empty_like(q)
+    for m in range(len(q)):
+        px, py, pz, pw = p[m, 0], p[m, 1], p[m, 2], p[m, 3]
+        qx, qy, qz, qw = q[m, 0], q[m, 1], q[m, 2], q[m, 3]
+        x = pw * qx + px * qw + py * qz - pz * qy
+        y = pw * qy - px * qz + py * qw + pz * qx
+        z = pw * qz + px * qy - py * qx + pz * qw
+        w = pw * qw - px * qx - py * qy - pz * qz
+        inverse = 1.0 / np.sqrt(x * x + y * y + z * z + w * w)
+        out[m, 0], out[m, 1], out[m, 2], out[m, 3] = x * inverse, y * inverse, z * inverse, w * inverse
+    return out
 
 
 def rotate(attitude: FloatArray, vectors: FloatArray) -> FloatArray:

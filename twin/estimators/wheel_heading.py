@@ -87,10 +87,14 @@ class WheelHeading:
         """Tell the engine what the wheels say against the heading held, (R,), not wrapped."""
         seen = (self._odometer.yaw - heading)[:, np.newaxis]
         news = counted & self._known & self._changed
-        off = news & (innovation(engine, self._seen, seen).nis > self._config.slip_sigmas**2)
+        off = news
+        if news.any():
+            off = news & (innovation(engine, self._seen, seen).nis > self._config.slip_sigmas**2)
         self._right_s = np.where(off, 0.0, np.minimum(self._right_s + self._dt_s, _SETTLE_S))
         anew = counted & (self.slipping | ~self._known)
-        engine.update(self._seen, seen, news & ~anew)
+        told = news & ~anew
+        if told.any():
+            engine.update(self._seen, seen, told)
         if anew.any():
             self._settle(engine, seen[:, 0], anew)
             self._known = self._known | counted
