@@ -52,9 +52,7 @@ def filters() -> dict[str, Any]:
         "madgwick_published": HeadingMadgwickConfig(kind="heading_madgwick", variant="published", **paper),
         "madgwick": HeadingMadgwickConfig(kind="heading_madgwick", **paper),
         "kalman_imu": HeadingKalmanConfig(kind="heading_kalman", inputs="imu", **paper),
-        "kalman_imu_corrected": HeadingKalmanConfig(
-            kind="heading_kalman", inputs="imu", variant="corrected", **paper
-        ),
+        "kalman_imu_corrected": HeadingKalmanConfig(kind="heading_kalman", inputs="imu", variant="corrected", **paper),
         "integrated_kalman": HeadingKalmanConfig(kind="heading_kalman", inputs="integrated", **paper),
         "heading_filter": HeadingFilterConfig(kind="heading_filter", **_COMMON),
     }
@@ -134,10 +132,13 @@ def trial_measurements(trial: BroadTrial) -> Iterator[tuple[int, list[Measuremen
     field, valid = trial.field_ut[:, np.newaxis], np.ones(1, dtype=np.bool_)
     for index in range(len(inertial)):
         t_ns = (index + 1) * trial.step_ns
-        yield t_ns, [
-            _measurement(IMU, t_ns, INERTIAL_COLUMNS, inertial[index], valid),
-            _measurement(MAGNETOMETER, t_ns, FIELD_COLUMNS, field[index], valid),
-        ]
+        yield (
+            t_ns,
+            [
+                _measurement(IMU, t_ns, INERTIAL_COLUMNS, inertial[index], valid),
+                _measurement(MAGNETOMETER, t_ns, FIELD_COLUMNS, field[index], valid),
+            ],
+        )
 
 
 def _measurement(sensor: str, t_ns: int, columns: tuple[str, ...], values: FloatArray, valid: BoolArray) -> Measurement:
@@ -189,7 +190,7 @@ def _orientation(said: FloatArray) -> FloatArray:
 
 def _with_optical_tilt(heading: FloatArray, optical: FloatArray) -> FloatArray:
     """The optical orientation (N, 4) turned about the vertical to this heading (N,)."""
-    known = np.isfinite(optical).all(axis=1)
+    known = np.logical_and.reduce(np.isfinite(optical), axis=1)
     safe = np.where(known[:, np.newaxis], optical, np.array([0.0, 0.0, 0.0, 1.0]))
     half = 0.5 * wrap_angle(heading - rpy_from_rotation(rotation_from_quaternion(safe))[2])
     none = np.zeros(len(heading))

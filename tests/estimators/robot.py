@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -82,7 +82,6 @@ class Drive:
     slip: FloatArray | None = None
     """(T, 2) way that the wheels turn beyond what they roll, m, each step."""
     kinds: tuple[str, ...] = ("imu", "magnetometer", "wheel_encoders")
-    truth: list[float] = field(default_factory=list)
 
     @property
     def dt_ns(self) -> int:
@@ -103,8 +102,7 @@ class Drive:
         steps, runs, dt = len(self.yaw_rate), self.runs, self.dt_ns / NS_PER_S
         heading = self.headings
         speed = np.zeros(steps) if self.speed is None else self.speed
-        deviation = np.broadcast_to(np.reshape(self.deviation, (-1, 1) if np.ndim(self.deviation) == 1 else np.shape(self.deviation)), (steps, runs))
-        strength = np.broadcast_to(np.reshape(self.strength, (-1, 1) if np.ndim(self.strength) == 1 else np.shape(self.strength)), (steps, runs))
+        deviation, strength = (_per_step(each, steps, runs) for each in (self.deviation, self.strength))
         ways = np.stack([speed - 0.5 * TRACK_M * self.yaw_rate, speed + 0.5 * TRACK_M * self.yaw_rate], axis=-1) * dt
         if self.slip is not None:
             ways = ways + self.slip
@@ -126,6 +124,11 @@ class Drive:
                 "wheel_encoders": np.tile(slots[k], (runs, 1)),
             }
             yield t_ns, [measure(kind, t_ns, values[kind]) for kind in self.kinds]
+
+
+def _per_step(values: FloatArray | float, steps: int, runs: int) -> FloatArray:
+    array = np.asarray(values, dtype=float)
+    return np.broadcast_to(array[:, np.newaxis] if array.ndim == 1 else array, (steps, runs))
 
 
 def run(estimator, drive: Drive, *columns: str) -> FloatArray:

@@ -105,9 +105,7 @@ class PaperHeadingFilter(ABC):
         )
         self._base = config
         self.runs = setup.runs
-        self._preparation = Preparation(
-            config.preparation, step_s=self._inputs.step_ns / NS_PER_S, runs=setup.runs
-        )
+        self._preparation = Preparation(config.preparation, step_s=self._inputs.step_ns / NS_PER_S, runs=setup.runs)
         self._start = float(setup.start_e_n_heading[2])
         self.zero: FloatArray = np.full(setup.runs, self._start)
         """(R,) heading at which yaw is zero, rad."""
@@ -198,5 +196,6 @@ class PaperHeadingFilter(ABC):
         now = np.where(sample.magnetic, -direction_of_field(sample.field, self._base.arctangent), 0.0)
         self.begin_at(wrap_angle(np.where(there, turned - angle, now)))
 
+    @abstractmethod
     def begin_at(self, yaw: FloatArray) -> None:
         """Start from this yaw (R,): what the machine turned during its calibration."""

@@ -33,17 +33,16 @@ from twin.estimators.engines import EngineName, innovation, make_engine
 from twin.estimators.heading_base import HeadingConfig, tilt_of_force
 from twin.estimators.heading_inputs import MAGNETOMETER, WHEEL_ENCODERS, HeadingInputs, HeadingSample
 from twin.estimators.heading_model import (
-    C,
-    D,
     D0,
     SIZE,
     B,
     BiasSeen,
+    D,
     FieldSeen,
-    VelocitySeen,
     HeadingMotion,
     T,
     V,
+    VelocitySeen,
     exponential,
     product,
     rotate,
@@ -55,8 +54,18 @@ from twin.estimators.magnetic_disturbance import DisturbanceConfig, DisturbanceD
 from twin.estimators.roles import IMU
 from twin.estimators.wheel_heading import WheelHeading, WheelHeadingConfig
 from twin.geometry import STANDARD_GRAVITY_M_S2, wrap_angle
-from twin.signals import HEADING, NS_PER_S, POSITION, YAW_RATE, BoolArray, Estimate, EstimatorSetup, FloatArray
-from twin.signals import Measurement, SensorInfo
+from twin.signals import (
+    HEADING,
+    NS_PER_S,
+    POSITION,
+    YAW_RATE,
+    BoolArray,
+    Estimate,
+    EstimatorSetup,
+    FloatArray,
+    Measurement,
+    SensorInfo,
+)
 
 KIND = "heading_filter"
 _RESTING_RAD_RTS = float(np.deg2rad(0.005))

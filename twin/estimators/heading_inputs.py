@@ -71,7 +71,8 @@ class HeadingInputs:
             if len(infos) > 1 or (sensor_kind in needs and not infos):
                 allowed = "one" if sensor_kind in needs else "at most one"
                 raise BadInputError(
-                    f"[estimators.{setup.name}] sensors: {kind} takes {allowed} of kind {sensor_kind!r}, not {len(infos)}"
+                    f"[estimators.{setup.name}] sensors: {kind} takes {allowed} of kind {sensor_kind!r},"
+                    f" not {len(infos)}"
                 )
         found = {sensor_kind: infos[0] for sensor_kind, infos in picked.items() if infos}
         self.infos: dict[str, SensorInfo] = found
@@ -132,7 +133,8 @@ def _reader(info: SensorInfo, setup: EstimatorSetup) -> _Reader:
     turn = rotation_from_rpy(*setup.reference.rpy_rad).T @ rotation_from_rpy(*info.mount.rpy_rad)
     if np.array_equal(turn, np.eye(3)):
         return _Reader(places, None)
-    return _Reader(places, np.kron(np.eye(2), turn) if info.kind == IMU else turn)
+    both: FloatArray = np.asarray(np.kron(np.eye(2), turn), dtype=np.float64)
+    return _Reader(places, both if info.kind == IMU else turn)
 
 
 def _read(measurement: Measurement, reader: _Reader) -> FloatArray:

@@ -28,6 +28,8 @@ from twin.signals import BoolArray, FloatArray
 
 _PAPER_STEP_S = 0.02
 
+Matrix3 = Annotated[tuple[Vector3, Vector3, Vector3], Strict(strict=False)]
+
 
 class BandConfig(Config):
     """One row of table 1."""
@@ -64,7 +66,7 @@ class PreparationConfig(Config):
     """Axes whose hard iron the turning shows: xy for a turn on level ground."""
     hard_iron_ut: Vector3 = (0.0, 0.0, 0.0)
     """Hard iron known from a calibration before; the turn replaces it on its axes."""
-    soft_iron: Annotated[tuple[Vector3, Vector3, Vector3], Strict(strict=False)] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    soft_iron: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     """What makes a sphere of the readings once the hard iron is off (rows); the paper's filters take none."""
     filtered: bool = True
     """Whether the pre-filter is used."""

@@ -40,7 +40,13 @@ class RestDetector:
         self._quiet_s = np.zeros(runs)
 
     def step(
-        self, readings: FloatArray, fresh: BoolArray, *, bias: FloatArray, bias_sigma: FloatArray, rolled: BoolArray,
+        self,
+        readings: FloatArray,
+        fresh: BoolArray,
+        *,
+        bias: FloatArray,
+        bias_sigma: FloatArray,
+        rolled: BoolArray,
         dt_s: float,
     ) -> BoolArray:
         """Take specific force and rate (R, 6), bias and its sigma (R, 3), members whose wheels turned (R,).

@@ -148,7 +148,9 @@ class DisturbanceDetector:
         looking = fresh & (self.state == DISTURBED)
         unlike = looking & ~self._like(self._mean, self._other, 0.5)  # NaN is unlike
         self._other = np.where(unlike, self._mean, self._other)
-        self._steady_s = np.where(unlike | ~((self.state == DISTURBED) | (self.state == RECOVERING)), 0.0, self._steady_s)
+        self._steady_s = np.where(
+            unlike | ~((self.state == DISTURBED) | (self.state == RECOVERING)), 0.0, self._steady_s
+        )
         counts = looking & ~unlike & (turning >= config.new_place_rate_rad_s)
         self._steady_s = self._steady_s + np.where(counts, dt_s, 0.0)
         adopted = self._steady_s >= config.new_place_s

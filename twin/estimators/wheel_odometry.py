@@ -22,8 +22,18 @@ from twin.estimators.coordinated_turn import sinc_and_derivative
 from twin.estimators.heading_base import HeadingConfig
 from twin.estimators.heading_inputs import WHEEL_ENCODERS, HeadingInputs, HeadingSample
 from twin.geometry import wrap_angle
-from twin.signals import HEADING, NS_PER_S, POSITION, YAW_RATE, BoolArray, Estimate, EstimatorSetup, FloatArray
-from twin.signals import Measurement, SensorInfo
+from twin.signals import (
+    HEADING,
+    NS_PER_S,
+    POSITION,
+    YAW_RATE,
+    BoolArray,
+    Estimate,
+    EstimatorSetup,
+    FloatArray,
+    Measurement,
+    SensorInfo,
+)
 
 KIND = "wheel_odometry"
 WHEEL_RADIUS_M, TRACK_M, SLOTS_PER_TURN = 0.033, 0.105, 20.0
@@ -79,9 +89,7 @@ class WheelOdometry:
             setup, kind=KIND, needs=(WHEEL_ENCODERS,), may_use=(WHEEL_ENCODERS,), max_age_s=config.max_age_s
         )
         info = self._inputs.infos[WHEEL_ENCODERS]
-        self._odometer = Odometer(
-            info, wheel_radius_m=config.wheel_radius_m, track_m=config.track_m, runs=setup.runs
-        )
+        self._odometer = Odometer(info, wheel_radius_m=config.wheel_radius_m, track_m=config.track_m, runs=setup.runs)
         self._track_m = config.track_m
         self._published = config.variant == "published"
         self._start = setup.start_e_n_heading

@@ -33,14 +33,14 @@ class OrientationErrors:
 
 
 def orientation_errors(estimated: FloatArray, optical: FloatArray, scored: BoolArray) -> OrientationErrors:
-    """Errors of orientations (N, 4), (x, y, z, w), body to ENU, over the samples ``scored`` (N,) where both are known."""
+    """Errors of orientations (N, 4), (x, y, z, w), body to ENU, over ``scored`` samples (N,) where both are known."""
     known = scored & np.isfinite(estimated).all(axis=1) & np.isfinite(optical).all(axis=1)
     if not known.any():
         nan = float("nan")
         return OrientationErrors(
             total_deg=nan, heading_deg=nan, inclination_deg=nan, relative_heading_deg=nan, samples=0
         )
-    x, y, z, w = multiply(estimated[known], optical[known] * np.array([-1.0, -1.0, -1.0, 1.0])).T
+    _, _, z, w = multiply(estimated[known], optical[known] * np.array([-1.0, -1.0, -1.0, 1.0])).T
     heading = wrap_angle(2.0 * np.arctan2(z, w))
     mean = np.angle(np.exp(1j * heading).mean())
     return OrientationErrors(
