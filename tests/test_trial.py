@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.cli import main
+from twin.cli.replaying_trial import replay_file
 from twin.errors import BadInputError
 from twin.formats.broad import BroadTrial, read_broad
-from twin.trial import TrialResult, filters, replay_trial, trial_setup, vqf_result
+from twin.trial import NEEDS_WHEELS, TrialResult, filters, replay_trial, trial_setup, vqf_result
 
-FOLDER = Path(__file__).parents[1] / ".." / "shared" / "data" / "broad"
+FOLDER = Path(__file__).parents[2] / "shared" / "data" / "broad"
 NAMES = ("01_undisturbed_slow_rotation_A", "26_disturbed_phone_vibration_A", "28_disturbed_stationary_magnet_A")
 
 needs_recordings = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no recordings in {FOLDER}")
@@ -77,15 +77,13 @@ def test_ours_beside_the_papers_and_the_state_of_the_art(name: str) -> None:
         assert ours.heading_deg < 2.0 * reference.errors.heading_deg
 
 
-@needs_recordings
-def test_the_command_refuses_settings_and_other_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = FOLDER / f"{NAMES[0]}.mat"
-    assert main(["replay", str(path), "--set", "estimators.x.alpha=0.5"]) == 2
-    assert "nothing to set" in capsys.readouterr().err
+def test_the_command_refuses_settings_and_other_files(tmp_path: Path) -> None:
     other = tmp_path / "other.mat"
     other.write_text("no MATLAB")
-    assert main(["replay", str(other)]) == 2
-    assert "not a MATLAB file" in capsys.readouterr().err
+    with pytest.raises(BadInputError, match=r"--set a\.b=1: .* there is nothing to set"):
+        replay_file(other, settings=["a.b=1"], estimators=[], as_json=False)
+    with pytest.raises(BadInputError, match="not a MATLAB file"):
+        replay_file(other, settings=[], estimators=[], as_json=False)
 
 
 def still(seconds: float = 12.0) -> BroadTrial:
@@ -117,11 +115,13 @@ def test_an_estimator_without_a_heading_is_named() -> None:
         list(replay_trial(still(0.1), names=lambda _: False, plugins={"silent": lambda _: Silent()}))
 
 
-@needs_recordings
-def test_json_holds_every_filter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("twin.cli.replaying_trial.read_broad", lambda _: still())
-    assert main(["replay", str(FOLDER / f"{NAMES[0]}.mat"), "--json"]) == 0
+def test_table_and_json_hold_every_filter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("twin.cli.replaying_trial.read_broad", lambda _: still(11.0))
+    assert replay_file(Path("still.mat"), settings=[], estimators=[], as_json=True) == 0
     (found,) = json.loads(capsys.readouterr().out)
     assert found["trial"] == "still"
     assert set(filters()) <= set(found["estimators"])
     assert found["estimators"]["kalman_imu"]["total_rmse_deg"] is None
+    assert replay_file(Path("still.mat"), settings=[], estimators=[], as_json=False) == 0
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in (*filters(), *NEEDS_WHEELS))

@@ -16,7 +16,7 @@ from twin.errors import BadInputError
 from twin.formats import broad
 from twin.formats.broad import read_broad
 
-FOLDER = Path(__file__).parents[2] / ".." / "shared" / "data" / "broad"
+FOLDER = Path(__file__).parents[3] / "shared" / "data" / "broad"
 
 
 def contents(samples: int = 20, **changes: Any) -> dict[str, Any]:
@@ -102,13 +102,15 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut_or_flipped(compressed: boo
             continue
 
 
+def test_a_trial_of_one_sample_is_none(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="1 samples; allowed: 2 to"):
+        read_broad(write(tmp_path, **{name: value[:1] for name, value in contents().items()}))
+
+
 def test_size_is_looked_at_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path)
     monkeypatch.setattr(broad, "LARGEST_SAMPLES", 19)
-    with pytest.raises(BadInputError, match="20 samples; allowed: 2 to 19"):
-        read_broad(path)
-    monkeypatch.setattr(broad, "LARGEST_SAMPLES", 10)
-    with pytest.raises(BadInputError, match="60 elements; allowed: up to 40"):
+    with pytest.raises(BadInputError, match="opt_quat has 80 elements; allowed: up to 76"):
         read_broad(path)
     monkeypatch.setattr(broad, "LARGEST_FILE_BYTES", 100)
     with pytest.raises(BadInputError, match="bytes; allowed: up to 100"):

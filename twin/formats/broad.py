@@ -1,9 +1,9 @@
 """Reads trials of BROAD, the Berlin Robust Orientation Estimation Assessment Dataset (Laidig et al. 2021, CC BY 4.0).
 
-A trial is a MATLAB file of version 5 (:mod:`twin.formats.mat5`) with the readings of one inertial unit and magnetometer and the
-orientation by optical motion capture: ``imu_acc`` (m/s^2), ``imu_gyr`` (rad/s) and ``imu_mag`` (microtesla), (N, 3)
-each; ``opt_quat`` (N, 4), w first, body to ENU, NaN where the markers were hidden; ``movement`` (N, 1), true where
-errors are scored; ``sampling_rate`` (Hz).
+A trial is a MATLAB file of version 5 (:mod:`twin.formats.mat5`) with the readings of one inertial unit and
+magnetometer and the orientation by optical motion capture: ``imu_acc`` (m/s^2), ``imu_gyr`` (rad/s) and ``imu_mag``
+(microtesla), (N, 3) each; ``opt_quat`` (N, 4), w first, body to ENU, NaN where the markers were hidden; ``movement``
+(N, 1), true where errors are scored; ``sampling_rate`` (Hz).
 
 A file comes from anywhere: names, shapes, sizes and values are looked at before anything is made of them.
 """

@@ -105,10 +105,8 @@ def _element(data: memoryview, at: int) -> _Element:
 
 def _take(element: _Element, names: Collection[str], found: dict[str, FloatArray], largest_elements: int) -> None:
     """Add a matrix to what was found, if it is asked for."""
-    if element.kind == _COMPRESSED:
-        head = _unpacked(element.data, _PEEK_BYTES)[8:]
-    else:
-        head = element.data
+    packed = element.kind == _COMPRESSED
+    head = _unpacked(element.data, _PEEK_BYTES)[8:] if packed else element.data
     matrix = _matrix(head)
     if matrix.name not in names or not matrix.numeric:
         return
@@ -116,7 +114,7 @@ def _take(element: _Element, names: Collection[str], found: dict[str, FloatArray
     if count > largest_elements:
         raise _DamagedError(f"{matrix.name} has {count} elements; allowed: up to {largest_elements}")
     body = element.data
-    if element.kind == _COMPRESSED:
+    if packed:
         body = _unpacked(element.data, 8 + matrix.real_at + 8 + 8 * count)[8:]
     found[matrix.name] = _numbers(_element(body, matrix.real_at), matrix, count)
 
