@@ -149,6 +149,16 @@ def test_a_wheel_that_slips_does_not_turn_the_heading() -> None:
     assert (found[-600:, 1] == 0.0).all()
 
 
+def test_a_turn_on_the_spot_is_not_pulled_by_half_slots() -> None:
+    """Both wheels are seen just past an edge, half a slot from their middle, in opposite directions: 5.66 deg if taken
+    for the middle. With the gyroscope's turn known to 3 % of 50 deg (1.5 deg) the wheels pull by their share of it."""
+    rate = np.zeros(800)
+    rate[400:450] = np.deg2rad(50.0)
+    drive = noisy(rate, WHEELED)
+    sheet = SHEET | {"gyro_scale_error_ratio": 0.03}
+    assert np.abs(errors_deg(make(drive.setup(datasheet=sheet)), drive)[500:]).max() < 1.5
+
+
 def test_wheels_hold_the_heading_where_the_gyroscope_alone_would_drift() -> None:
     """Without a rest to learn the bias from, 1 deg/s is 30 deg in 30 s; straight wheels of 2.3 deg show it."""
     drive = noisy(np.zeros(1500), WHEELED, speed=np.full(1500, 0.5), gyro_bias=np.deg2rad(1.0))

@@ -2,8 +2,12 @@
 
 A wheel's angle is known to a slot, so the heading counted is off by a uniform error of one slot per wheel: sigma
 slot / sqrt(6) for two, 2.3 deg for the robot of paper 001. That error stays while no slot passes; only counts that
-changed say something new. The offset between heading and count (state C) wanders with the way (uneven ground, tyres)
-and with the turn (track and radius not quite as configured, scrubbing: 50 deg asked for give 48.5 to 50).
+changed say something new. But a count that has just changed is not anywhere within its slot: the wheel stands at the
+edge it came over, half a slot behind the middle (forwards; ahead of it backwards), which for two wheels that turn a
+robot on the spot makes a whole slot of heading. So a count that changed is taken at its edge.
+
+The offset between heading and count (state C) wanders with the way (uneven ground, tyres) and with the turn (track and
+radius not quite as configured, scrubbing: 50 deg asked for give 48.5 to 50).
 
 What is beyond that is slip: the offset is settled anew from the heading held, and the wheels have no say until they
 have agreed with the gyroscope for ``settle_s``.
@@ -85,7 +89,9 @@ class WheelHeading:
 
     def hear(self, engine: Engine, counted: BoolArray, heading: FloatArray) -> None:
         """Tell the engine what the wheels say against the heading held, (R,), not wrapped."""
-        seen = (self._odometer.yaw - heading)[:, np.newaxis]
+        edges = -0.5 * np.sign(self._odometer.since)
+        counted_yaw = self._odometer.yaw + self._odometer.slot_rad * (edges[:, 1] - edges[:, 0])
+        seen = (counted_yaw - heading)[:, np.newaxis]
         news = counted & self._known & self._changed
         off = news
         if news.any():

@@ -51,12 +51,15 @@ class Odometer:
         """Heading per slot of one wheel."""
         self._last = np.zeros((runs, 2))
         self._seen: BoolArray = np.zeros(runs, dtype=np.bool_)
+        self.since: FloatArray = np.zeros((runs, 2))
+        """(R, 2) slots that passed in the last step."""
         self.yaw: FloatArray = np.zeros(runs)
         """(R,) heading turned since the first count, not wrapped, rad."""
 
     def step(self, slots: FloatArray, counted: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Take counts (R, 2), new where ``counted`` (R,); return heading turned (R,), rad, and way made (R,), m."""
         since = np.where((counted & self._seen)[:, np.newaxis], slots - self._last, 0.0)
+        self.since = since
         self._last = np.where(counted[:, np.newaxis], slots, self._last)
         self._seen = self._seen | counted
         turned = self.slot_rad * (since[:, 1] - since[:, 0])
