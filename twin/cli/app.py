@@ -99,12 +99,16 @@ def stress(  # noqa: PLR0917  (typer makes options of them)
 
 @app.command()
 def replay(
-    folder: Annotated[Path, typer.Argument(help="A run folder.")],
+    folder: Annotated[Path, typer.Argument(help="A run folder, or a recorded trial of BROAD (.mat).")],
     settings: Settings = None,
     estimator: Plugins = None,
     as_json: Json = False,
 ) -> int:
     """Run the estimators again over recorded measurements, without the world."""
+    if folder.suffix == ".mat":
+        from twin.cli.replaying_trial import replay_file  # noqa: PLC0415
+
+        return replay_file(folder, settings=tuple(settings or ()), estimators=tuple(estimator or ()), as_json=as_json)
     from twin.cli.replaying import replay_folder  # noqa: PLC0415
 
     return replay_folder(folder, settings=tuple(settings or ()), estimators=tuple(estimator or ()), as_json=as_json)

@@ -11,30 +11,44 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
+from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
+from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
+from twin.estimators.heading_madgwick import HeadingMadgwick, HeadingMadgwickConfig
 from twin.estimators.ins_build import RowSpeedInsConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
 from twin.estimators.row_speed_ins import RowSpeedIns
 from twin.estimators.speed_only import GnssSpeedOnlyConfig, RadarOnlyConfig, SpeedOnly
+from twin.estimators.wheel_odometry import WheelOdometry, WheelOdometryConfig
 from twin.signals import Estimator, EstimatorSetup
 
 __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
+    "HeadingComplementaryConfig",
+    "HeadingFilterConfig",
+    "HeadingKalmanConfig",
+    "HeadingMadgwickConfig",
     "PluginConfig",
     "RadarOnlyConfig",
     "RowSpeedEkfConfig",
     "RowSpeedInsConfig",
+    "WheelOdometryConfig",
     "build_estimator",
     "load_class",
     "load_entry_point",
 ]
 
-AnyEstimatorConfig = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig | PluginConfig
+HeadingFilterUnion = (
+    HeadingComplementaryConfig | HeadingMadgwickConfig | HeadingKalmanConfig | HeadingFilterConfig | WheelOdometryConfig
+)
+RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
+AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
-def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:
+def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:  # noqa: PLR0911
     """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
 
     Raises:
@@ -47,5 +61,15 @@ def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estima
             return RowSpeedIns(config, setup)
         case RadarOnlyConfig() | GnssSpeedOnlyConfig():
             return SpeedOnly(config, setup)
+        case HeadingComplementaryConfig():
+            return HeadingComplementary(config, setup)
+        case HeadingMadgwickConfig():
+            return HeadingMadgwick(config, setup)
+        case HeadingKalmanConfig():
+            return HeadingKalman(config, setup)
+        case HeadingFilterConfig():
+            return HeadingFilter(config, setup)
+        case WheelOdometryConfig():
+            return WheelOdometry(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)
