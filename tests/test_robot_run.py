@@ -139,6 +139,7 @@ def _refused(scenario_file: Path, key: str, value: Any, message: str) -> None:
 def test_what_the_machine_has_not_is_refused(scenario_file: Path) -> None:
     _refused(scenario_file, "sensors.encoders.left_joint", "wheel_lefft", "did you mean 'wheel_left'")
     _refused(scenario_file, "machine", {"kind": "planter_f8"}, "sensors.imu.mount: unknown mount")
+    _refused(scenario_file, "seeding", {"spacing_m": 0.1}, "seeding: machine orchard_robot has no rows")
     planter = [("machine", {"kind": "planter_f8"}), ("sensors", {})]
     with pytest.raises(BadInputError, match="spin_deg: a planter_f8 cannot turn on the spot"):
         load(scenario_file, settings=planter)

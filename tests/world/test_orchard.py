@@ -12,11 +12,11 @@ from tests.world.conftest import WorldMaker, slope
 from twin.errors import BadInputError
 from twin.geometry import rotation_from_rpy
 from twin.signals import Command, FloatArray, Mount, RayNeed, RayScan
+from twin.world.beams import cast, swept_beams
 from twin.world.light import LightConfig
-from twin.world.orchard import EAST, NORTH, RADIUS, LaneConfig, OrchardConfig, cast, planted
+from twin.world.orchard import EAST, NORTH, RADIUS, LaneConfig, OrchardConfig, planted
 from twin.world.simulation import World, build_world
 from twin.world.soil import SoilConfig
-from twin.world.sweep import swept_beams
 from twin.world.terrain import FlatTerrain, RoughTerrain, Terrain, build_terrain
 
 FLAT = build_terrain(FlatTerrain(kind="flat", cell_m=0.5), seed=1, extent=(-10.0, -10.0, 10.0, 10.0))

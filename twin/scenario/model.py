@@ -189,6 +189,10 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _machine_can(self) -> Self:
+        wants_rows = {"seeding": self.seeding, "scoring.causal_bound_of": self.scoring.causal_bound_of}
+        for key, value in wants_rows.items():
+            if value is not None and not self.machine.rows_y_m:
+                raise ValueError(f"{key}: machine {self.machine.kind} has no rows")
         if self.machine.turns_on_the_spot:
             return self
         for segment in self.driver.path:

@@ -1,14 +1,10 @@
-"""Trees: trunks that stand in lanes, or one by one, and what a beam of light finds of them.
+"""Trees: trunks that stand in lanes, or one by one.
 
 A trunk is an upright cylinder. A lane has a row of trunks on either side of its axis, ``width_m`` apart; in a row they
 stand ``spacing_m`` apart from its beginning to its end. How crooked the rows are, which trees are missing and how thick
 each is follows from the seed of the world; each lane draws for itself.
-
-Beams (:func:`cast`) meet trunks exactly and the ground where it rises above them on steps of a fifth of a cell, with
-the last step divided in proportion. There is nothing else to meet.
 """
 
-# ruff: noqa: PLR0917 (compiled functions are called by position: keywords cost time there)
 from __future__ import annotations
 
 import math
@@ -17,7 +13,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, Strict
 
-from twin.compiled import compiled
 from twin.config import Config, NonNegative, Positive, Probability
 from twin.errors import BadInputError
 from twin.randomness import world_generator
@@ -121,66 +116,3 @@ def planted(trunks: FloatArray, terrain: Terrain) -> FloatArray:
             raise BadInputError(f"orchard: a tree at {error}") from error
         trunk[BOTTOM], trunk[TOP] = ground - _BELOW_M, ground + trunk[TOP]
     return standing
-
-
-@compiled
-def cast(
-    origins: FloatArray, directions: FloatArray, reach: float, trunks: FloatArray,
-    heights: FloatArray, west: float, south: float, cell: float, highest: float, out: FloatArray,
-) -> None:  # fmt: skip
-    """Distance to what each beam meets first into ``out`` (n,), infinite where nothing lies within ``reach``.
-
-    Beams start at ``origins`` (n, 3) along unit ``directions`` (n, 3); ``highest`` is the highest point of the ground.
-    """
-    for ray in range(origins.shape[0]):
-        ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
-        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-        nearest = reach
-        met = False
-        level = dx * dx + dy * dy
-        if level > 0.0:
-            for index in range(trunks.shape[0]):
-                trunk = trunks[index]
-                ax, ay = trunk[EAST] - ox, trunk[NORTH] - oy
-                middle = (ax * dx + ay * dy) / level
-                gap = ax * ax + ay * ay - middle * middle * level
-                square = trunk[RADIUS] * trunk[RADIUS] - gap
-                if square < 0.0:
-                    continue
-                distance = middle - math.sqrt(square / level)
-                if 0.0 <= distance < nearest and trunk[BOTTOM] <= oz + distance * dz <= trunk[TOP]:
-                    nearest = distance
-                    met = True
-        if oz + min(0.0, dz) * nearest < highest:
-            ground = _meets_ground(ox, oy, oz, dx, dy, dz, nearest, heights, west, south, cell)
-            if ground < nearest:
-                nearest = ground
-                met = True
-        out[ray] = nearest if met else math.inf
-
-
-@compiled
-def _meets_ground(
-    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, reach: float,
-    heights: FloatArray, west: float, south: float, cell: float,
-) -> float:  # fmt: skip
-    """Distance to the ground along a beam; infinite where it stays above it or leaves the terrain."""
-    rows, columns = heights.shape
-    step = 0.2 * cell
-    s = before = above = 0.0
-    while True:
-        x = (ox + s * dx - west) / cell
-        y = (oy + s * dy - south) / cell
-        if not (0.0 <= x <= columns - 1 and 0.0 <= y <= rows - 1):
-            return math.inf
-        i, j = min(int(x), columns - 2), min(int(y), rows - 2)
-        u, v = x - i, y - j
-        lower = heights[j, i] + u * (heights[j, i + 1] - heights[j, i])
-        upper = heights[j + 1, i] + u * (heights[j + 1, i + 1] - heights[j + 1, i])
-        now = oz + s * dz - (lower + v * (upper - lower))
-        if now <= 0.0:
-            return before + (s - before) * above / (above - now) if now < above else s
-        if s >= reach:
-            return math.inf
-        above, before = now, s
-        s = min(s + step, reach)

@@ -28,10 +28,9 @@ from twin.signals import (
     RayScan,
 )
 from twin.world import dynamics
+from twin.world.beams import cast, swept_beams
 from twin.world.light import LightConfig
 from twin.world.magnetics import Magnetics
-from twin.world.orchard import cast
-from twin.world.sweep import swept_beams
 from twin.world.terrain import Terrain
 from twin.world.urdf import Urdf
 
