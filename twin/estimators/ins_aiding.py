@@ -19,8 +19,6 @@ latency is taken. In the second it may as well be late, and the position is beli
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from twin.config import Config, NonNegative, Positive
@@ -233,4 +231,3 @@ def pulse_observation(model: PulseSensorModel, *, size: int) -> StatesThemselves
 
 
 Aid = PulseAid | ReceiverAid
-Aids = Mapping[str, Aid]

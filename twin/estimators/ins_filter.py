@@ -157,7 +157,6 @@ class StrapdownFilter:
         )
         sensors = [sensor.name for sensor in model.pulse_sensors] + [receiver.name for receiver in model.receivers]
         self._order = {name: place for place, name in enumerate(sensors)}
-        self.newest: Fused | None = None
 
     @property
     def index(self) -> int | None:
@@ -167,7 +166,6 @@ class StrapdownFilter:
     def step(self, epoch: Epoch) -> None:
         """Take the next epoch."""
         self._epochs.append(epoch)
-        self.newest = epoch.inertial
         self._run(epoch)
 
     def add(self, index: int, aids: Sequence[AidReading]) -> None:
