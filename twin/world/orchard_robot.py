@@ -26,6 +26,7 @@ from typing import ClassVar, Literal
 from twin import paths
 from twin.config import Vector3
 from twin.geometry import STANDARD_GRAVITY_M_S2
+from twin.world.clearance import Outline
 from twin.world.differential import DifferentialDrive, DifferentialSpec
 from twin.world.machine import BarConfig, MachineBaseConfig, MachineModel, MountConfig, Wheel
 
@@ -86,6 +87,15 @@ class RobotSize:
     def chassis_x_m(self) -> float:
         """Centre of mass of the chassis ahead of the axle, for the ball's share of the weight."""
         return (CASTER_SHARE * self.mass_kg - self.caster_mass_kg) * self.caster_x_m / self.chassis_mass_kg
+
+    @property
+    def outline_m(self) -> Outline:
+        """Around decks, wheels and ball."""
+        half_deck = 0.5 * self.chassis_size_m[0]
+        back = min(self.deck_x_m - half_deck, -self.wheel_radius_m)
+        front = max(self.deck_x_m + half_deck, self.caster_x_m + self.caster_radius_m)
+        side = max(0.5 * self.chassis_size_m[1], 0.5 * (self.track_m + self.wheel_width_m))
+        return (back, -side), (front, side)
 
     @property
     def wheels(self) -> tuple[Wheel, ...]:
@@ -204,6 +214,11 @@ class _RobotConfig(MachineBaseConfig):
         """Nothing steers."""
         return 0.0
 
+    @property
+    def outline_m(self) -> Outline:
+        """Rectangle around the machine that may not touch a tree, in the frame of the root link."""
+        return self.size.outline_m
+
     def model(self) -> MachineModel:
         """Return the machine to be simulated."""
         size = self.size
@@ -214,6 +229,7 @@ class _RobotConfig(MachineBaseConfig):
             reference=self.reference,
             rows_y_m=self.rows_y_m,
             start=self.vehicle_start,
+            outline_m=self.outline_m,
             drive=lambda urdf: DifferentialDrive(size.drive, urdf),
         )
 

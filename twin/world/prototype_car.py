@@ -108,6 +108,7 @@ class PrototypeCarConfig(MachineBaseConfig):
             reference=self.reference,
             rows_y_m=self.rows_y_m,
             start=self.vehicle_start,
+            outline_m=self.outline_m,
             drive=lambda urdf: TractorDrive(_SPEC, urdf),
             springs=SPRINGS,
         )
