@@ -203,8 +203,8 @@ class MachineBaseConfig(Config):
                 raise ValueError(f"{key}.body: unknown body {body!r} (there are {', '.join(bodies)})")
         return self
 
-    def model(self) -> MachineModel:
-        """Return the machine to be simulated."""
+    def model(self, seed: int) -> MachineModel:
+        """Return the machine to be simulated: the one of this kind that the world of this seed has."""
         raise NotImplementedError
 
     @property

@@ -99,7 +99,7 @@ class PlanterF8Config(MachineBaseConfig):
         """Of the tractor."""
         return WHEELBASE_M
 
-    def model(self) -> MachineModel:
+    def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the machine to be simulated."""
         return MachineModel(
             urdf=self.asset,

@@ -365,7 +365,7 @@ def build_world(
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
     """
-    model = machine.model()
+    model = machine.model(seed)
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
     trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
