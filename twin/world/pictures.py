@@ -1,9 +1,11 @@
 """Pictures of the field, rendered by pybullet's software renderer (TinyRenderer).
 
-A second client holds only what there is to see: ground, trees, signs. Pictures are rendered twice as fine as they are
-wanted and averaged over two by two pixels, since the renderer takes single texels; what lies behind everything is sky
-above the horizon and hazy land below. The light is always the same: how a camera copes with the brightness is its own
-affair (:mod:`twin.sensors.camera`). The machine itself is not in the picture.
+A second client holds only what there is to see: ground, trees, signs. What lies behind everything is sky above the
+horizon and hazy land below. The light is always the same: how a camera copes with the brightness is its own affair
+(:mod:`twin.sensors.camera`). The machine itself is not in the picture, and nothing throws a shadow.
+
+The renderer takes single texels and samples the middles of pixels, so edges have steps; twice as fine and averaged,
+they would cost four times as much and a sign's distance would be no better.
 """
 
 from __future__ import annotations
@@ -26,8 +28,6 @@ from twin.world.scenery import Mesh, Rgb, Texture
 from twin.world.signs import PLATE_E, PLATE_HEADING, PLATE_U
 from twin.world.terrain import Terrain
 
-FINER = 2
-"""Rendered pixels per wanted one, in both directions."""
 NEAR_M, FAR_M = 0.02, 300.0
 
 _AMBIENT, _DIFFUSE = 0.62, 0.48
@@ -38,7 +38,10 @@ _LAND: Rgb = (128.0, 132.0, 104.0)
 _SKY_RISES_RAD = math.radians(35.0)
 _MOST_VERTICES = 20_000
 """Of one body: pybullet takes some more."""
-_PLATE_TEXELS = 256
+_PLATE_TEXELS = 128
+"""About a millimetre each."""
+_BACKGROUND_DEPTH = 1.0 - 1e-6
+"""The renderer's depth where nothing is, less its rounding; things have it beyond 295 m."""
 
 
 class Scenery:
@@ -107,8 +110,10 @@ class Scenery:
 
         ``rotation`` (3, 3) turns mount axes into the world's.
         """
-        width, height = FINER * need.width_px, FINER * need.height_px
-        view = pybullet.computeViewMatrix(position.tolist(), (position + rotation[:, 0]).tolist(), rotation[:, 2].tolist())
+        width, height = need.width_px, need.height_px
+        view = pybullet.computeViewMatrix(
+            position.tolist(), (position + rotation[:, 0]).tolist(), rotation[:, 2].tolist()
+        )
         answer: Any = pybullet.getCameraImage(
             width,
             height,
@@ -127,11 +132,7 @@ class Scenery:
         # Arrays or flat tuples, by how pybullet was built.
         image = np.asarray(answer[2], dtype=np.uint8).reshape(height, width, 4)[..., :3]
         depth = np.asarray(answer[3], dtype=np.float32).reshape(height, width)
-        image = np.where((depth < 1.0)[..., np.newaxis], image, _background(need, rotation))
-        small: NDArray[np.uint8] = cv2.resize(
-            image, (need.width_px, need.height_px), interpolation=cv2.INTER_AREA
-        ).astype(np.uint8)
-        return small
+        return np.where((depth < _BACKGROUND_DEPTH)[..., np.newaxis], image, _background(need, rotation))
 
     def nearest_sign(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """Middle of the nearest plate whose front faces a mount, in the mount's axes (3,), m; NaN without one."""
@@ -158,8 +159,8 @@ def _projection(need: ImageNeed) -> Any:
 
 
 def _background(need: ImageNeed, rotation: FloatArray) -> NDArray[np.uint8]:
-    """Sky and far land where nothing else is, (FINER height, FINER width, 3)."""
-    width, height = FINER * need.width_px, FINER * need.height_px
+    """Sky and far land where nothing else is, (height, width, 3)."""
+    width, height = need.width_px, need.height_px
     focal = 0.5 * width / math.tan(0.5 * need.horizontal_fov_rad)
     left = (0.5 * (width - 1) - np.arange(width, dtype=np.float32)) / np.float32(focal)
     up = (0.5 * (height - 1) - np.arange(height, dtype=np.float32))[:, np.newaxis] / np.float32(focal)

@@ -29,7 +29,7 @@ GRASS: Rgb = (98.0, 122.0, 58.0)
 GROUND_TILE_M = 2.0
 """The ground's texture repeats itself."""
 
-_MOST_GROUND_VERTICES = 20_000
+_MOST_GROUND_VERTICES = 6_000
 _TRUNK_SIDES = 10
 _CROWN_RADII = 8.0
 """Half width of a crown in radii of its trunk, as in the viewer's picture."""

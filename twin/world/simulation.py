@@ -7,6 +7,7 @@ pybullet integrates the machine's tree of rigid bodies (Featherstone); everythin
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -34,6 +35,7 @@ from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.magnetics import Magnetics, MagneticsConfig
 from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
+from twin.world.signs import SignConfig, put_up
 from twin.world.soil import Soil, SoilConfig
 from twin.world.statics import spring_preloads, static_loads
 from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
@@ -62,8 +64,8 @@ class World:
     sensor needs is shown to whoever :meth:`watch`-es it.
 
     Raises:
-        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree or
-            a magnet does not lie on it.
+        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree, a
+            sign or a magnet does not lie on it.
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class World:
         soil: Soil,
         machine: MachineModel,
         trunks: FloatArray | None = None,
+        signs: Sequence[SignConfig] = (),
         magnetics: MagneticsConfig | None = None,
         light: LightConfig | None = None,
         seed: int,
@@ -80,6 +83,7 @@ class World:
     ) -> None:
         self.terrain = terrain
         self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
+        self.signs = put_up(signs, terrain)
         self._light = light if light is not None else LightConfig()
         self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
         self.machine = machine
@@ -149,6 +153,7 @@ class World:
             joint_angles=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
             terrain=self.terrain,
             trunks=self.trunks,
+            signs=self.signs,
             magnetics=self.magnetics,
             light=self._light,
             current_a=lambda: self._drive.current_a,
@@ -326,6 +331,8 @@ class World:
     def close(self) -> None:
         """Disconnect from pybullet; may be called more than once."""
         self._body.close()
+        if hasattr(self, "_watch"):
+            self._watch.close()
 
     def __enter__(self) -> Self:
         return self
@@ -343,13 +350,14 @@ def build_world(
     dt_ns: int = 2_000_000,
     path: FloatArray | None = None,
     orchard: OrchardConfig | None = None,
+    signs: Sequence[SignConfig] = (),
     magnetics: MagneticsConfig | None = None,
     light: LightConfig | None = None,
 ) -> World:
     """Make the world of a scenario.
 
     ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
-    made to cover it with the machine's reach around (and all trees), or, if its size is configured, has to.
+    made to cover it with the machine's reach around (and all trees and signs), or, if its size is configured, has to.
 
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
@@ -358,7 +366,8 @@ def build_world(
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
     trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
-    covered = wanted_extent(np.vstack([points, trunks[:, :2]]), machine.reach_m)
+    posts = np.array([(sign.east_m, sign.north_m) for sign in signs]).reshape(-1, 2)
+    covered = wanted_extent(np.vstack([points, trunks[:, :2], posts]), machine.reach_m)
     ground = build_terrain(terrain, seed=seed, extent=covered)
     west, south, east, north = ground.extent
     if (
@@ -376,6 +385,7 @@ def build_world(
         soil=soil.soil(),
         machine=model,
         trunks=trunks,
+        signs=signs,
         magnetics=magnetics,
         light=light,
         seed=seed,
