@@ -26,6 +26,7 @@ CORNER_SHARE = 1.0 - 1.0 / math.sqrt(2.0)
 
 _RED, _WHITE = (178, 24, 34), (244, 244, 240)
 _FINER = 4
+_GAMMA = 2.2
 
 
 def octagon(size: float) -> FloatArray:
@@ -45,8 +46,10 @@ def draw_plate(pixels: int) -> NDArray[np.uint8]:
     corners = np.round((octagon(RED_SHARE * size) + 0.5 * (size - 1)) * 16.0).astype(np.int32)
     cv2.fillPoly(image, [corners], _RED, shift=4)
     _write(image, size)
-    small: NDArray[np.uint8] = cv2.resize(image, (pixels, pixels), interpolation=cv2.INTER_AREA).astype(np.uint8)
-    return small
+    # Light is averaged, not display values.
+    light = ((image / 255.0) ** _GAMMA).astype(np.float32)
+    small = cv2.resize(light, (pixels, pixels), interpolation=cv2.INTER_AREA)
+    return np.round(255.0 * small ** (1.0 / _GAMMA)).astype(np.uint8)
 
 
 def _write(image: NDArray[np.uint8], size: int) -> None:

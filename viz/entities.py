@@ -104,7 +104,7 @@ def seed_map(estimator: str) -> str:
     return f"seed_map/{estimator}"
 
 
-# --- plots -----------------------------------------------------------------------------------------------------------
+# --- pictures ---------------------------------------------------------------------------------------------------------
 
 PICTURES = "pictures"
 
@@ -118,6 +118,8 @@ def sign_box(sensor: str) -> str:
     """Where the detector found a stop sign in a camera's picture."""
     return f"{PICTURES}/{sensor}/sign"
 
+
+# --- plots -----------------------------------------------------------------------------------------------------------
 
 PLOTS = "plots"
 TRUTH_SERIES = "truth"

@@ -16,8 +16,8 @@ stop sign is instead (:mod:`twin.stop_sign`), and works in four steps:
    plain white, and above and below that band it has to be plainly red. Averages need no letter to be legible.
 
 The distance follows from the height of the red octagon, since seeing a plate from the side makes it narrower and not
-lower. Its edges are where the ratio, of light averaged over the plate's middle columns, is that of half red paint and
-half what is beyond it, interpolated between rows. The bearing is that of the middle of the bounding box.
+lower. Its edges are where the light, averaged over the plate's middle columns, is half that of red paint and half that
+of what is beyond, interpolated between rows. The bearing is that of the middle of the bounding box.
 """
 
 from __future__ import annotations
@@ -159,13 +159,15 @@ def _edge(profile: FloatArray, paint: FloatArray, expected: float) -> float | No
     """Samples from the middle of a sign to its edge, about ``expected``; None if the red does not end there.
 
     ``profile`` (n, 2) is the red and green light outwards from the middle, ``paint`` (2,) that of the red octagon. The
-    edge is where the light is half that of the paint and half that of what is least red just beyond.
+    edge is where the light is half that of the paint and half that of what is least red just beyond; how much of each
+    a sample has is taken from its ratio, so that an uneven brightness does not count.
     """
     ratio = _ratio(profile)
     start = max(1, math.floor(expected) - 2)
     beyond = start + int(np.argmax(ratio[start:]))
-    level = float(_ratio(paint + profile[beyond]))
+    less = paint - profile[beyond]
+    share = (paint[1] - ratio * paint[0]) / np.minimum(less[1] - ratio * less[0], -1e-9)
     for row in range(beyond, start - 1, -1):
-        if ratio[row - 1] <= level < ratio[row]:
-            return row - 1 + float((level - ratio[row - 1]) / (ratio[row] - ratio[row - 1]))
+        if share[row - 1] <= 0.5 < share[row]:
+            return row - 1 + float((0.5 - share[row - 1]) / (share[row] - share[row - 1]))
     return None

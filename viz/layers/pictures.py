@@ -40,9 +40,7 @@ def _draw_boxes(run: Run, sheet: Sheet, sensor: str) -> None:
     _, left, top, width, height, away = values[seen].T
     half = np.column_stack([0.5 * width, 0.5 * height]).astype(np.float32)
     centres = (np.column_stack([left, top]) + half).astype(np.float32)
-    columns = rr.Boxes2D.columns(
-        centers=centres, half_sizes=half, labels=[f"stop sign, {metres:.2f} m" for metres in away]
-    )
+    columns = rr.Boxes2D.columns(centers=centres, half_sizes=half, labels=[f"{metres:.2f} m" for metres in away])
     entity = entities.sign_box(sensor)
     sheet.rows(entity, stream.t_ns, columns.partition(seen.astype(np.int64)))
     sheet.static(entity, rr.Boxes2D.from_fields(colors=[_BOX_COLOUR], radii=rr.Radius.ui_points(1.5)))
