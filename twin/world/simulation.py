@@ -8,6 +8,7 @@ trunk is part of the truth, and a run ends where they touch.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -37,6 +38,7 @@ from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.magnetics import Magnetics, MagneticsConfig
 from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
+from twin.world.signs import SignConfig, put_up
 from twin.world.soil import Soil, SoilConfig
 from twin.world.statics import spring_preloads, static_loads
 from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
@@ -65,8 +67,8 @@ class World:
     sensor needs is shown to whoever :meth:`watch`-es it.
 
     Raises:
-        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree or
-            a magnet does not lie on it.
+        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree, a
+            sign or a magnet does not lie on it.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class World:
         soil: Soil,
         machine: MachineModel,
         trunks: FloatArray | None = None,
+        signs: Sequence[SignConfig] = (),
         magnetics: MagneticsConfig | None = None,
         light: LightConfig | None = None,
         seed: int,
@@ -83,6 +86,7 @@ class World:
     ) -> None:
         self.terrain = terrain
         self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
+        self.signs = put_up(signs, terrain)
         self._light = light if light is not None else LightConfig()
         self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
         self.machine = machine
@@ -152,6 +156,7 @@ class World:
             joint_angles=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
             terrain=self.terrain,
             trunks=self.trunks,
+            signs=self.signs,
             magnetics=self.magnetics,
             light=self._light,
             current_a=lambda: self._drive.current_a,
@@ -337,6 +342,8 @@ class World:
     def close(self) -> None:
         """Disconnect from pybullet; may be called more than once."""
         self._body.close()
+        if hasattr(self, "_watch"):
+            self._watch.close()
 
     def __enter__(self) -> Self:
         return self
@@ -354,13 +361,14 @@ def build_world(
     dt_ns: int = 2_000_000,
     path: FloatArray | None = None,
     orchard: OrchardConfig | None = None,
+    signs: Sequence[SignConfig] = (),
     magnetics: MagneticsConfig | None = None,
     light: LightConfig | None = None,
 ) -> World:
     """Make the world of a scenario.
 
     ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
-    made to cover it with the machine's reach around (and all trees), or, if its size is configured, has to.
+    made to cover it with the machine's reach around (and all trees and signs), or, if its size is configured, has to.
 
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
@@ -369,7 +377,8 @@ def build_world(
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
     trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
-    covered = wanted_extent(np.vstack([points, trunks[:, :2]]), machine.reach_m)
+    posts = np.array([(sign.east_m, sign.north_m) for sign in signs]).reshape(-1, 2)
+    covered = wanted_extent(np.vstack([points, trunks[:, :2], posts]), machine.reach_m)
     ground = build_terrain(terrain, seed=seed, extent=covered)
     west, south, east, north = ground.extent
     if (
@@ -387,6 +396,7 @@ def build_world(
         soil=soil.soil(),
         machine=model,
         trunks=trunks,
+        signs=signs,
         magnetics=magnetics,
         light=light,
         seed=seed,
