@@ -20,7 +20,7 @@ FILTERS = (
     "integrated_kalman",
     "heading_filter",
 )
-NAMES = [f"orchard_lane_{which}{name}" for which in ("", "magnetic_") for name in FILTERS]
+NAMES = [f"orchard_lane_magnetic_{name}" for name in FILTERS] + ["orchard_lane_kalman_odometry_gyro"]
 
 
 @pytest.mark.parametrize("name", ["orchard_lane_heading_filter", "orchard_lane_magnetic_complementary"])
