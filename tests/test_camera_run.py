@@ -82,7 +82,8 @@ def test_pictures_are_in_the_record_and_in_the_folder(driven: Recording, tmp_pat
     row = driven.measurements("camera").values[-1, 0]
     left, top, width, height = (int(value) for value in row[3:])
     inside = last[top : top + height, left : left + width].astype(int)
-    assert np.mean(inside[..., 0] > 2 * inside[..., 2]) > 0.5
+    # The octagon fills 0.83 of its box, and letters an eighth; edges are blurred.
+    assert np.mean(inside[..., 0] > 1.5 * inside[..., 2]) > 0.5
     verdict = twin.score(driven)
     assert verdict.verdict == "pass"
     again = twin.run(str(scenario_file))

@@ -174,6 +174,19 @@ def test_trunks_are_brown_pillars_where_they_stand_and_crowns_above_them(view: V
     assert leaf[1] > leaf[2]
 
 
+def test_of_many_trees_none_is_left_out(view: Views) -> None:
+    # 600 trees are three bodies of leaves; the first, the 300th and the last stand in front, all others behind.
+    behind = [{"east_m": -1.0 - 0.01 * k, "north_m": 5.0, "radius_m": 0.05} for k in range(600)]
+    sides = {0: 1.0, 299: 0.0, 599: -1.0}
+    for number, side in sides.items():
+        behind[number] = {"east_m": 3.0, "north_m": side, "radius_m": 0.05}
+    row = view(trees=behind).picture(NEED, at(0.3), EAST).astype(int)[105]
+    bark = np.flatnonzero((row[:, 0] > row[:, 1]) & (row[:, 1] > row[:, 2]))
+    for side in sides.values():
+        assert np.abs(bark - (159.5 - FOCAL_PX * side / 3.0)).min() < 1.0
+    assert len(bark) == pytest.approx(3.0 * FOCAL_PX * 0.1 / 3.0, abs=4.5)
+
+
 def test_meshes_face_outwards() -> None:
     trunk = planted(OrchardConfig.model_validate({"trees": [{"east_m": 1.0, "north_m": 2.0}]}).trunks(1), FLAT)[0]
     for mesh in (ground_mesh(FLAT), trunk_mesh(trunk), crown_mesh(trunk, 3), plate_mesh(put_up([sign()], FLAT)[0])):

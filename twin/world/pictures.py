@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Sequence
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +39,7 @@ _HORIZON: Rgb = (206.0, 218.0, 226.0)
 _LAND: Rgb = (128.0, 132.0, 104.0)
 _SKY_RISES_RAD = math.radians(35.0)
 _MOST_VERTICES = 20_000
-"""Of one body: pybullet takes some more."""
+"""Of one body, give or take a mesh: pybullet takes some more."""
 _PLATE_TEXELS = 128
 """About a millimetre each."""
 _BACKGROUND_DEPTH = 1.0 - 1e-6
@@ -78,14 +80,9 @@ class Scenery:
 
     def _add(self, meshes: Sequence[Mesh], texture: Texture) -> None:
         """Put meshes with one texture into the scene, as few bodies."""
-        pile: list[Mesh] = []
-        for mesh in meshes:
-            if pile and sum(len(each.vertices) for each in (*pile, mesh)) > _MOST_VERTICES:
-                self._add_body(scenery.together(pile), texture)
-                pile = []
-            pile.append(mesh)
-        if pile:
-            self._add_body(scenery.together(pile), texture)
+        piles = np.cumsum([len(mesh.vertices) for mesh in meshes]) // _MOST_VERTICES
+        for _, pile in groupby(zip(piles.tolist(), meshes, strict=True), key=itemgetter(0)):
+            self._add_body(scenery.together([mesh for _, mesh in pile]), texture)
 
     def _add_body(self, mesh: Mesh, texture: Texture) -> None:
         shape = pybullet.createVisualShape(

@@ -1,6 +1,7 @@
 """Stop signs: octagonal plates on posts that stand in the field.
 
-What a plate looks like is in :mod:`twin.stop_sign`. A sign is there to be seen: nothing runs into it.
+What a plate looks like is in :mod:`twin.stop_sign`. A sign is there to be seen by cameras: nothing runs into it, and a
+lidar's beams pass it.
 """
 
 from __future__ import annotations

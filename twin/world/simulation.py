@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Any, Self
 
 import numpy as np
@@ -95,6 +96,8 @@ class World:
         self.tick = 0
         self._dt_s = dt_ns / NS_PER_S
         self._body = PhysicsBody(machine.urdf, self._dt_s)
+        self._open = ExitStack()
+        self._open.callback(self._body.close)
         try:
             self._prepare(soil)
             self._settle()
@@ -162,6 +165,7 @@ class World:
             current_a=lambda: self._drive.current_a,
             dt_ns=self.dt_ns,
         )
+        self._open.callback(self._watch.close)
         self._grid = (terrain := self.terrain).west_m, terrain.south_m, terrain.cell_m
         self.truth_columns = self._name_columns()
         self._truth_head = np.zeros(11 + 3 * len(self._rows))
@@ -341,9 +345,7 @@ class World:
 
     def close(self) -> None:
         """Disconnect from pybullet; may be called more than once."""
-        self._body.close()
-        if hasattr(self, "_watch"):
-            self._watch.close()
+        self._open.close()
 
     def __enter__(self) -> Self:
         return self
