@@ -20,6 +20,7 @@ class PanelKind(Enum):
 
     FIELD = auto()
     MAP = auto()
+    DIAL = auto()
     PLOT = auto()
     LANES = auto()
     LOG = auto()
@@ -46,6 +47,11 @@ class Curve:
     """(T,), T > 0."""
     values: FloatArray
     """(T,) finite."""
+
+    def since(self, begin_ns: int) -> Curve:
+        """The part from ``begin_ns`` on; may be empty."""
+        kept = self.t_ns >= begin_ns
+        return Curve(name=self.name, t_ns=self.t_ns[kept], values=self.values[kept])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,6 +120,10 @@ class Sheet:
         """What each plot holds, for its range and for a legend that covers little."""
         self.bounds: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
         """What a map shows at first: range to the right and range downwards, by its origin."""
+        self.listed: set[str] = set()
+        """Names of series that a panel other than the plots lists with their colours."""
+        self.begin_ns = 0
+        """Where the plots begin: later than the run, if the machine stands for most of it."""
         self.follow: str | None = None
         """Entity that the camera follows."""
         self.eye: tuple[FloatArray, FloatArray] | None = None

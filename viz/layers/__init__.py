@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from viz.layers.dial import draw_dial
 from viz.layers.estimates import draw_estimates
 from viz.layers.field_and_wheels import draw_field_strength, draw_wheel_speeds
 from viz.layers.ground import draw_ground
@@ -24,6 +25,7 @@ LAYERS: tuple[Layer, ...] = (
     draw_row_trails,
     draw_measured_positions,
     draw_estimates,
+    draw_dial,
     draw_seeds,
     draw_row_speed_plots,
     draw_motion_plots,
