@@ -31,7 +31,7 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     field = [_field_view(panel, sheet) for panel in by_kind[PanelKind.FIELD]]
     pages = [rrb.TextDocumentView(origin=_root(panel), name=panel.title) for panel in by_kind[PanelKind.PAGE]]
     lanes = [
-        rrb.StateTimelineView(origin=_root(p), name=p.title, time_view=_whole(0, duration_ns))
+        rrb.StateTimelineView(origin=_root(p), name=p.title, time_view=_whole(sheet.begin_ns, duration_ns))
         for p in by_kind[PanelKind.LANES]
     ]
     logs = [_log_view(panel) for panel in by_kind[PanelKind.LOG]]
@@ -39,7 +39,7 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     maps = [_map_view(panel, sheet, _SOIL) for panel in by_kind[PanelKind.MAP]]
     dials = [_map_view(panel, sheet, _NIGHT) for panel in by_kind[PanelKind.DIAL]]
     side_by_side = [rrb.Horizontal(*maps, name="Seeds in a turn")] if len(maps) > 1 else maps
-    left = _column([_tabs([*field, *side_by_side, *pages]), _tabs([*lanes, *logs])], shares=(3, 1))
+    left = _column([_tabs([*field, *side_by_side, *pages]), _tabs([*lanes, *logs])], shares=(3.0, _lanes_share(sheet)))
     right = _column([*dials, _grid(plots)], shares=[*[_DIAL_SHARE] * len(dials), max(1.0, -(-len(plots) // 2))])
     parts = [part for part in (left, right) if part is not None]
     return rrb.Blueprint(
@@ -50,6 +50,12 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _lanes_share(sheet: Sheet) -> float:
+    """Height of the lanes where the field's is 3: four lanes fit in 1."""
+    lanes = sum(entity.startswith(f"{entities.STATE}/") for entity in sheet.entities)
+    return min(max(1.0, lanes / 4.0), 2.0)
 
 
 def _root(panel: Panel) -> str:

@@ -28,7 +28,6 @@ FOCUS = "world/focus"
 """An invisible point that moves with the machine and that the camera follows."""
 TRUNKS = "world/orchard/trunks"
 CROWNS = "world/orchard/crowns"
-MAGNETS = "world/magnets"
 IRON = "world/iron"
 
 
@@ -50,6 +49,11 @@ def base_pose() -> str:
 def joint(name: str) -> str:
     """Transform of one joint of the machine."""
     return f"{WORLD}/joints/{name}"
+
+
+def magnet(index: int) -> str:
+    """A magnet."""
+    return f"{WORLD}/magnets/{index}"
 
 
 def magnetic_reach(piece: int) -> str:
@@ -117,7 +121,7 @@ def seed_map(estimator: str) -> str:
     return f"seed_map/{estimator}"
 
 
-# --- dial --------------------------------------------------------------------------------------------------------------
+# --- dial ------------------------------------------------------------------------------------------------------------
 
 DIAL = "dial"
 """A compass dial with the headings of all estimators and the truth's."""
@@ -182,6 +186,9 @@ PLANNED_COLOUR: Colour = (250, 225, 130)
 CALM_COLOUR: Colour = (52, 60, 66)
 TURN_COLOUR: Colour = (140, 85, 165)
 FAULT_COLOUR: Colour = (190, 60, 60)
+TRUSTED_COLOUR: Colour = (50, 115, 80)
+LEARNING_COLOUR: Colour = (70, 95, 140)
+RECOVERING_COLOUR: Colour = (170, 120, 40)
 _STRAIGHT_COLOUR: Colour = (70, 120, 70)
 _OTHER_COLOUR: Colour = (110, 95, 80)
 
@@ -249,6 +256,10 @@ def dimmed(colour: Colour) -> Colour:
 def segment_colour(label: str) -> Colour:
     """Colour of a path segment by what its label says it is."""
     words = label.lower()
+    if "stopped" in words:
+        return LEARNING_COLOUR
+    if "driving" in words:
+        return _STRAIGHT_COLOUR
     if "turn" in words:
         return TURN_COLOUR
     return _STRAIGHT_COLOUR if "straight" in words else _OTHER_COLOUR

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Protocol
 
+import numpy as np
 import rerun as rr
 
 from twin.recording import Recording, Stream
-from twin.signals import FloatArray, IntArray
+from twin.signals import LANE_OFFSET, FloatArray, IntArray
 from viz import entities
 from viz.scene import Scene
 
@@ -74,6 +75,11 @@ class Run:
     def truth(self) -> Stream | None:
         """The truth, or ``None`` where there is none (a real log)."""
         return self.recording.streams.get("truth")
+
+    @property
+    def keeps_lane(self) -> bool:
+        """Whether the machine's driver keeps to a lane."""
+        return self.truth is not None and self.truth.has(LANE_OFFSET)
 
     @property
     def estimators(self) -> list[str]:
@@ -147,6 +153,16 @@ class Sheet:
         """Remember what a series looks like; its plot is the entity above."""
         if len(t_ns):
             self.curves.setdefault(entity.rpartition("/")[0], []).append(Curve(name=name, t_ns=t_ns, values=values))
+
+    def line(
+        self, entity: str, t_ns: IntArray, values: FloatArray, colour: entities.Colour, *, width: float = 1.5
+    ) -> None:
+        """Draw one line of a plot, named after the entity's last part; gaps (NaN) are left out."""
+        known, name = np.isfinite(values), entities.legend_name(entity.rpartition("/")[2])
+        self.rows(entity, t_ns[known], rr.Scalars.columns(scalars=values[known]))
+        self.curve(entity, name, t_ns[known], values[known])
+        if known.any():
+            self.static(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[width]))
 
     def panel(self, kind: PanelKind, origin: str, title: str) -> None:
         """Ask for a panel, once something was drawn at or below ``origin``; asking again changes nothing."""

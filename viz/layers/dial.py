@@ -1,8 +1,8 @@
 """A compass dial: where the machine truly heads and where every heading filter thinks it does, at every moment.
 
-Up is where the machine headed at the start, which is along the lane for one that keeps to a lane. Beside the ring stands
-a list of the estimators with their errors of the moment, as a figure and as a bar on a scale of its own: a ring of 360
-degrees does not show one degree.
+Up is where the machine headed at the start, which is along the lane for one that keeps to a lane. Beside the ring
+stands a list of the estimators with their errors of the moment, as a figure and as a bar on a scale of its own: a ring
+of 360 degrees does not show one degree.
 """
 
 from __future__ import annotations

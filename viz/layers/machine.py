@@ -23,9 +23,9 @@ _EYE = np.array([-0.70, 0.585, 0.405])
 _EYE_DIAGONALS = 1.08
 """Distance of the camera in diagonals of the machine."""
 _EYE_IN_LANE, _LOOK_IN_LANE = np.array([-1.0, 0.18, 0.62]), np.array([0.55, 0.0, 0.0])
-"""Between rows of trees: where the camera stands and where it looks, ahead, left and above of the machine, in units of a
-distance that shows the rows on both sides."""
-_LANE_HALVES, _FEWEST, _MOST = 1.7, 2.4, 6.0
+"""Between rows of trees: where the camera stands and where it looks, ahead, left and above of the machine, in units of
+a distance that shows the rows on both sides."""
+_LANE_HALVES, _FEWEST, _MOST = 1.4, 2.0, 6.0
 """That distance in half widths of the lane, and its least and most in diagonals of the machine."""
 _SET_OFF_M = 0.02
 """A machine that is so far from where it began has set off."""

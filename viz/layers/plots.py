@@ -37,11 +37,12 @@ def draw_row_speed_plots(run: Run, sheet: Sheet) -> None:
 
 
 def draw_motion_plots(run: Run, sheet: Sheet) -> None:
-    """Plot yaw rate, and errors of position and heading."""
-    counted = [name for name, stream in _estimates(run) if is_counted(run, stream)]
-    _draw_values(run, sheet, YAW_RATE, panel="yaw_rate", scale=_DEGREES, without=counted)
-    title = "Yaw rate, counted ones left out [deg/s]" if counted else "Yaw rate [deg/s]"
-    sheet.panel(PanelKind.PLOT, entities.plot("yaw_rate"), title)
+    """Plot yaw rate (but not of a machine in a lane, which has plots enough), and errors of position and heading."""
+    if not run.keeps_lane:
+        counted = [name for name, stream in _estimates(run) if is_counted(run, stream)]
+        _draw_values(run, sheet, YAW_RATE, panel="yaw_rate", scale=_DEGREES, without=counted)
+        title = "Yaw rate, counted ones left out [deg/s]" if counted else "Yaw rate [deg/s]"
+        sheet.panel(PanelKind.PLOT, entities.plot("yaw_rate"), title)
     _draw_errors(run, sheet, HEADING, panel="heading_error", scale=_DEGREES)
     sheet.panel(PanelKind.PLOT, entities.plot("heading_error"), "Heading error, with claimed ±1σ [deg]")
     _draw_position_errors(run, sheet)
