@@ -16,8 +16,11 @@ _CELLS = 50
 _LEGEND_WIDTH = 0.33
 _LEGEND_ENTRY = 0.14
 """Share of a plot's width that a legend takes, and of its height that one entry takes, in a window of 1600 x 900."""
-_LEGEND_MOST = 4
-"""A longer legend is left out where another panel lists the same names."""
+_LEGEND_MOST, _LEGEND_HIDES = 4, 0.05
+"""A legend of more entries, or one that hides a larger share of the curves, is left out where another panel lists the
+same names."""
+_LEAST_RANGE = 2e-3
+"""Of a plot, in whatever unit it has."""
 _SKY = (184, 205, 224)
 _SOIL = (58, 46, 36)
 _NIGHT = (13, 16, 17)
@@ -110,9 +113,9 @@ def _plot_view(panel: Panel, sheet: Sheet, duration_ns: int) -> rrb.TimeSeriesVi
     curves = [later for curve in sheet.curves.get(panel.origin, []) if len((later := curve.since(sheet.begin_ns)).t_ns)]
     low, high = _range(curves)
     names = {curve.name for curve in curves}
-    # What another panel lists need not be covered by a long list of its own.
-    told = len(names) > _LEGEND_MOST and names <= sheet.listed
-    corner = emptiest_corner(curves, duration_ns, begin_ns=sheet.begin_ns)
+    corner, hidden = emptiest_corner(curves, duration_ns, begin_ns=sheet.begin_ns)
+    # What another panel lists with its colours need not be told again where that would cover curves.
+    told = names <= sheet.listed and (len(names) > _LEGEND_MOST or hidden > _LEGEND_HIDES)
     return rrb.TimeSeriesView(
         origin=_root(panel),
         name=panel.title,
@@ -124,17 +127,20 @@ def _plot_view(panel: Panel, sheet: Sheet, duration_ns: int) -> rrb.TimeSeriesVi
 
 
 def _range(curves: Sequence[Curve]) -> tuple[float, float]:
-    """Range of a plot that holds its curves with a margin."""
+    """Range of a plot that holds its curves with a margin; what stands still is not blown up."""
     low = min((float(curve.values.min()) for curve in curves), default=0.0)
     high = max((float(curve.values.max()) for curve in curves), default=0.0)
-    margin = 0.06 * (high - low) or max(abs(high), 1e-3)
+    margin = max(0.06 * (high - low), 0.5 * (_LEAST_RANGE - (high - low)), 1e-6 * abs(high))
     return low - margin, high + margin
 
 
-def emptiest_corner(curves: Sequence[Curve], duration_ns: int, *, begin_ns: int = 0) -> rrb.Corner2D:
-    """Corner of a plot, from ``begin_ns`` to ``duration_ns``, where a legend covers least of its curves."""
+def emptiest_corner(curves: Sequence[Curve], duration_ns: int, *, begin_ns: int = 0) -> tuple[rrb.Corner2D, float]:
+    """Corner of a plot, from ``begin_ns`` to ``duration_ns``, where a legend covers least of its curves; and how much.
+
+    That is the share of all the area's cells through which curves go.
+    """
     if not curves:
-        return rrb.Corner2D.LeftTop
+        return rrb.Corner2D.LeftTop, 0.0
     low, high = _range(curves)
     x = (np.concatenate([curve.t_ns for curve in curves]) - begin_ns) / max(duration_ns - begin_ns, 1)
     y = (np.concatenate([curve.values for curve in curves]) - low) / (high - low)
@@ -150,7 +156,8 @@ def emptiest_corner(curves: Sequence[Curve], duration_ns: int, *, begin_ns: int 
         for end, along in lines.items()
         for side, across in columns.items()
     }
-    return rrb.Corner2D[min(counts, key=lambda corner: counts[corner])]
+    best = min(counts, key=lambda corner: counts[corner])
+    return rrb.Corner2D[best], counts[best] / int(covered.sum())
 
 
 def _log_view(panel: Panel) -> rrb.TextLogView:

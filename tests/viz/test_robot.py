@@ -60,11 +60,17 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Path]:
 
 def test_trees_magnets_and_iron_are_drawn_where_they_are(drawn: tuple[Recording, Path]) -> None:
     recording, path = drawn
-    assert {entities.TRUNKS, entities.CROWNS, entities.MAGNETS, entities.IRON} <= entities_of(path)
+    assert {entities.TRUNKS, entities.CROWNS, entities.magnet(0), entities.IRON} <= entities_of(path)
     scene = scene_of(recording)
     np.testing.assert_allclose(scene.trunks[:, :3], [[1.0, 0.5, 0.05], [0.4, -0.6, 0.05]])
-    np.testing.assert_allclose(scene.magnets, [[0.5, 0.3, 0.02, 0.01]])
-    np.testing.assert_allclose(scene.iron, [[0.5, -0.3, 0.1, 0.05]])
+    np.testing.assert_allclose(scene.magnetic.magnets, [[0.5, 0.3, 0.02, 0.01]])
+    np.testing.assert_allclose(scene.magnetic.iron, [[0.5, -0.3, 0.1, 0.05]])
+    # A ball of a = 5 cm in 46 uT: 4 pi a^3 / mu_0 (200 - 1) / (200 + 2) B, along the earth's field.
+    moment = scene.magnetic.moments_a_m2[1]
+    assert np.linalg.norm(moment) == pytest.approx(0.05**3 / 1e-7 * 199.0 / 202.0 * 46e-6, rel=1e-6)
+    # 56 degrees downwards, 5 degrees east of north
+    assert np.degrees(np.arcsin(-moment[2] / np.linalg.norm(moment))) == pytest.approx(56.0)
+    assert np.degrees(np.arctan2(moment[0], moment[1])) == pytest.approx(5.0)
     # Nothing of a tree hovers: trunks begin below the ground.
     assert np.all(scene.trunks[:, 3] < 0.0)
 

@@ -168,7 +168,9 @@ def _draw_error(
     """Name with the error as a figure, and the error as a bar."""
     shown, colour = entities.legend_name(name), run.colours[name]
     keep = thin(t_ns, DIAL_HZ)
-    labels = [f"{shown}  {error:+.1f}°" if np.isfinite(error) else shown for error in error_deg[keep]]
+    # Adding zero makes a zero of a negative one.
+    rounded = np.round(error_deg[keep], 1) + 0.0
+    labels = [f"{shown}  {error:+.1f}°" if np.isfinite(error) else shown for error in rounded.tolist()]
     entity = entities.dial_name(name)
     places = [(_NAMES_X, line - _LABEL_DROP)] * len(keep)
     sheet.rows(entity, t_ns[keep], rr.Points2D.columns(positions=places, labels=labels))

@@ -20,8 +20,8 @@ _STILL = 1e-4
 """A machine that moves less than this (m, rad, quaternion) is not drawn anew: a tenth of a millimetre."""
 _EYE = np.array([-0.70, 0.585, 0.405])
 """From what the camera looks at to where it stands at the start: behind, to the left, above."""
-_EYE_DIAGONALS = 1.08
-"""Distance of the camera in diagonals of the machine."""
+_EYE_DIAGONALS, _BESIDE_MAGNETS = 1.08, 1.8
+"""Distance of the camera in diagonals of the machine, and how many times that where magnets lie about."""
 _EYE_IN_LANE, _LOOK_IN_LANE = np.array([-1.0, 0.18, 0.62]), np.array([0.55, 0.0, 0.0])
 """Between rows of trees: where the camera stands and where it looks, ahead, left and above of the machine, in units of
 a distance that shows the rows on both sides."""
@@ -144,4 +144,5 @@ def _seen_from_behind(run: Run, position: FloatArray, quaternion: FloatArray) ->
         distance = min(max(_LANE_HALVES * half, _FEWEST * size), _MOST * size)
         return position + level @ (distance * _EYE_IN_LANE), position + level @ (distance * _LOOK_IN_LANE)
     target = position + level @ look
-    return target + level @ (_EYE_DIAGONALS * run.scene.machine_size_m * _EYE), target
+    distance = _EYE_DIAGONALS * run.scene.machine_size_m * (_BESIDE_MAGNETS if run.scene.magnetic.count else 1.0)
+    return target + level @ (distance * _EYE), target
