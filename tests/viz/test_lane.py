@@ -10,6 +10,7 @@ import pytest
 
 from tests.viz.reading import entities_of, scalars, series, texts
 from tests.viz.synthetic_run import table
+from tests.viz.test_viewer import coloured, holds, opened, pixels
 from twin.estimators.magnetic_disturbance import CLEAN, DISTURBED, LEARNING, RECOVERING
 from twin.execution import execute
 from twin.recording import Recording, estimate_stream, sigma_column
@@ -182,6 +183,28 @@ def test_every_view_of_a_lane_has_content_and_titles_carry_units(drawn: tuple[Re
     _, path = drawn
     assert empty_views(path) == []
     plots = [view.name for view in stored_views(path) if view.kind == "TimeSeries"]
-    assert "Offset from the lane's axis, ±1σ; clearance grey [m]" in plots
+    assert "Offset from lane's axis; clearance grey [m]" in plots
     assert all(name.endswith("]") for name in plots)
     assert not any("Yaw rate" in name for name in plots)
+
+
+def test_the_viewer_shows_dial_magnet_lost_beams_and_lane_without_a_complaint(drawn: tuple[Recording, Path]) -> None:
+    _, path = drawn
+    for viewer in opened(path):
+        viewer.seek(5.0)
+        viewer.screenshot()
+        pictured = {
+            name: pixels(viewer.screenshot(view, equal_in_a_row=2))
+            for name, view in viewer.views.items()
+            if viewer.is_visible(view)
+        }
+        for name, image in pictured.items():
+            assert coloured(image) > 100, name
+        dial = next(image for name, image in pictured.items() if name.startswith("Heading, up"))
+        colour = entities.estimator_colours(["heading_filter", "row_fit"])["heading_filter"]
+        # needle, name and bar
+        assert holds(dial, colour) > 100
+        assert holds(dial, entities.TRUTH_COLOUR, within=16) > 300
+        field = next(image for name, image in pictured.items() if name.startswith("Field"))
+        assert holds(field, entities.SCAN_LOST_COLOUR) > 20
+        assert viewer.complaints == []

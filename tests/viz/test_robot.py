@@ -97,6 +97,8 @@ def test_plots_hold_field_strength_wheel_speeds_and_beams(drawn: tuple[Recording
     compass = recording.measurements("compass")
     at = np.searchsorted(compass.t_ns, t_ns)
     np.testing.assert_allclose(strength, np.linalg.norm(compass.values[at, 0], axis=1))
+    _, earth = scalars(path, entities.plot("field_strength", "earth_alone"))
+    assert earth.tolist() == [46.0, 46.0]
     _, share = scalars(path, entities.plot("returns", "lidar"))
     lidar = recording.measurements("lidar").values[:, 0]
     np.testing.assert_allclose(share, 100.0 * np.isfinite(lidar).mean(axis=1))

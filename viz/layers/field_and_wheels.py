@@ -10,11 +10,15 @@ from viz.thinning import thin
 
 PLOT_HZ = 25.0
 _FIELD = ("mag_x_ut", "mag_y_ut", "mag_z_ut")
+EARTH_SERIES, _EARTH = "earth_alone", (120, 200, 130)
 _LEFT, _RIGHT = (242, 166, 90), (110, 180, 250)
 
 
 def draw_field_strength(run: Run, sheet: Sheet) -> None:
-    """Plot the length of what each magnetometer measured: in an undisturbed field, calibrated, it does not change."""
+    """Plot the length of what each magnetometer measured, beside the earth's where magnets or iron are about.
+
+    In an undisturbed field, calibrated, it does not change.
+    """
     for sensor in run.recording.names("measurements"):
         stream = run.recording.measurements(sensor)
         field = run.columns(stream, *_FIELD)
@@ -22,6 +26,9 @@ def draw_field_strength(run: Run, sheet: Sheet) -> None:
             keep = thin(stream.t_ns, PLOT_HZ)
             strength = np.linalg.norm(field[keep], axis=1)
             sheet.line(entities.plot("field_strength", sensor), stream.t_ns[keep], strength, entities.MEASURED_COLOUR)
+            if run.scene.magnetic.count:
+                ends, earth = keep[[0, -1]], np.full(2, run.scene.magnetic.earth_ut)
+                sheet.line(entities.plot("field_strength", EARTH_SERIES), stream.t_ns[ends], earth, _EARTH)
     sheet.panel(PanelKind.PLOT, entities.plot("field_strength"), "Measured field strength [uT]")
 
 

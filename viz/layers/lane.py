@@ -41,7 +41,7 @@ def draw_lane_plot(run: Run, sheet: Sheet) -> None:
     offset = run.column(truth, LANE_OFFSET)[keep]
     entity = entities.plot(PANEL, entities.TRUTH_SERIES)
     sheet.line(entity, truth.t_ns[keep], offset, entities.TRUTH_COLOUR, width=2.0)
-    sheet.panel(PanelKind.PLOT, entities.plot(PANEL), "Offset from the lane's axis, ±1σ; clearance grey [m]")
+    sheet.panel(PanelKind.PLOT, entities.plot(PANEL), "Offset from lane's axis; clearance grey [m]")
     sheet.listed.add(entities.legend_name(CLEARANCE_SERIES))
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from twin.geometry import rotation_from_quaternion
 from twin.recording import hidden_stream
 from twin.signals import BoolArray, FloatArray, IntArray
 from viz import entities
@@ -99,12 +98,13 @@ class Turns:
         """Beams of turns that end at ``t_ns``, sent one after the other by a lidar on a moving machine."""
         period = int(np.median(np.diff(t_ns)))
         back = (period * (1.0 - np.arange(1, beams + 1) / beams)).astype(np.int64)
-        position, rotation = _poses(motion.t_ns, motion.pose, (t_ns[:, np.newaxis] - back).ravel())
+        position, quaternion = _poses(motion, (t_ns[:, np.newaxis] - back).ravel())
         bearing = np.tile(2.0 * np.pi * np.arange(beams) / beams, len(t_ns))
         local = np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(len(bearing))])
+        mount = np.broadcast_to(np.array(mount_m), local.shape)
         shape = (len(t_ns), beams, 3)
-        directions = np.einsum("nij,nj->ni", rotation, local).reshape(shape)
-        return Turns(t_ns, (position + rotation @ np.array(mount_m)).reshape(shape), directions)
+        origins = (position + _turned(quaternion, mount)).reshape(shape)
+        return Turns(t_ns, origins, _turned(quaternion, local).reshape(shape))
 
     def points(self, ranges: FloatArray) -> FloatArray:
         """Ends (T, n, 3) of beams of lengths (T, n)."""
@@ -155,15 +155,22 @@ def _draw_points(run: Run, sheet: Sheet, turns: Turns, ranges: FloatArray, *, st
     sheet.static(entity, rr.Points3D.from_fields(radii=radii, colors=[colour]))
 
 
-def _poses(t_ns: IntArray, pose: FloatArray, when: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (N, 3) and rotations (N, 3, 3) at times between the rows of the truth."""
-    start = t_ns[0]
-    known, wanted = (t_ns - start).astype(float), (when - start).astype(float)
-    quaternion = pose[:, 3:].copy()
+def _poses(motion: _Motion, when: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (N, 3) and quaternions (N, 4) at times (N,) between the rows of the truth."""
+    start = motion.t_ns[0]
+    known, wanted = (motion.t_ns - start).astype(float), (when - start).astype(float)
+    quaternion = motion.pose[:, 3:].copy()
     # Neighbours on the same side, so that what lies between them is between them.
     flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
     quaternion[1:] *= flips[:, np.newaxis]
     mixed = np.column_stack([np.interp(wanted, known, column) for column in quaternion.T])
-    position = np.column_stack([np.interp(wanted, known, column) for column in pose[:, :3].T])
-    unit = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
-    return position, np.array([rotation_from_quaternion(q) for q in unit]).reshape(-1, 3, 3)
+    position = np.column_stack([np.interp(wanted, known, column) for column in motion.pose[:, :3].T])
+    return position, mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+
+
+def _turned(quaternion: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Vectors (N, 3) turned by quaternions (N, 4), xyzw."""
+    axis, w = quaternion[:, :3], quaternion[:, 3:]
+    twice = 2.0 * np.cross(axis, vectors)
+    turned: FloatArray = vectors + w * twice + np.cross(axis, twice)
+    return turned
