@@ -188,7 +188,7 @@ def test_every_view_of_a_lane_has_content_and_titles_carry_units(drawn: tuple[Re
     assert not any("Yaw rate" in name for name in plots)
 
 
-def test_the_viewer_shows_dial_magnet_lost_beams_and_lane_without_a_complaint(drawn: tuple[Recording, Path]) -> None:
+def test_the_viewer_shows_dial_lost_beams_and_lane_without_a_complaint(drawn: tuple[Recording, Path]) -> None:
     _, path = drawn
     for viewer in opened(path):
         viewer.seek(5.0)
@@ -204,7 +204,8 @@ def test_the_viewer_shows_dial_magnet_lost_beams_and_lane_without_a_complaint(dr
         colour = entities.estimator_colours(["heading_filter", "row_fit"])["heading_filter"]
         # needle, name and bar
         assert holds(dial, colour) > 100
-        assert holds(dial, entities.TRUTH_COLOUR, within=16) > 300
+        # The needle is 10 pixels wide and some 65 long to its head, 4 of its width lie under the filter's, 2 are blurred.
+        assert holds(dial, entities.TRUTH_COLOUR, within=16) > 200
         field = next(image for name, image in pictured.items() if name.startswith("Field"))
         assert holds(field, entities.SCAN_LOST_COLOUR) > 20
         assert viewer.complaints == []

@@ -19,6 +19,7 @@ def draw_field_strength(run: Run, sheet: Sheet) -> None:
 
     In an undisturbed field, calibrated, it does not change.
     """
+    drawn = False
     for sensor in run.recording.names("measurements"):
         stream = run.recording.measurements(sensor)
         field = run.columns(stream, *_FIELD)
@@ -26,9 +27,11 @@ def draw_field_strength(run: Run, sheet: Sheet) -> None:
             keep = thin(stream.t_ns, PLOT_HZ)
             strength = np.linalg.norm(field[keep], axis=1)
             sheet.line(entities.plot("field_strength", sensor), stream.t_ns[keep], strength, entities.MEASURED_COLOUR)
-            if run.scene.magnetic.count:
-                ends, earth = keep[[0, -1]], np.full(2, run.scene.magnetic.earth_ut)
-                sheet.line(entities.plot("field_strength", EARTH_SERIES), stream.t_ns[ends], earth, _EARTH)
+            drawn = True
+    if drawn and run.scene.magnetic.count:
+        ends = np.array([0, run.duration_ns], dtype=np.int64)
+        earth = np.full(2, run.scene.magnetic.earth_ut)
+        sheet.line(entities.plot("field_strength", EARTH_SERIES), ends, earth, _EARTH)
     sheet.panel(PanelKind.PLOT, entities.plot("field_strength"), "Measured field strength [uT]")
 
 
