@@ -204,7 +204,7 @@ def test_the_viewer_shows_dial_lost_beams_and_lane_without_a_complaint(drawn: tu
         colour = entities.estimator_colours(["heading_filter", "row_fit"])["heading_filter"]
         # needle, name and bar
         assert holds(dial, colour) > 100
-        # The needle is 10 pixels wide and some 65 long to its head, 4 of its width lie under the filter's, 2 are blurred.
+        # The needle is 10 pixels wide and some 65 long to its head, 4 of its width lie under the filter's, 2 blur.
         assert holds(dial, entities.TRUTH_COLOUR, within=16) > 200
         field = next(image for name, image in pictured.items() if name.startswith("Field"))
         assert holds(field, entities.SCAN_LOST_COLOUR) > 20

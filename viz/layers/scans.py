@@ -95,8 +95,13 @@ class Turns:
 
     @staticmethod
     def of(t_ns: IntArray, beams: int, motion: _Motion, mount_m: tuple[float, float, float]) -> Turns:
-        """Beams of turns that end at ``t_ns``, sent one after the other by a lidar on a moving machine."""
+        """Beams of turns that end at ``t_ns``, sent one after the other by a lidar on a moving machine.
+
+        As in the world, it moves and turns evenly from the end of one turn to the end of the next.
+        """
         period = int(np.median(np.diff(t_ns)))
+        ends = np.append(t_ns[0] - period, t_ns)
+        motion = _Motion(ends, np.hstack(_poses(motion, ends)))
         back = (period * (1.0 - np.arange(1, beams + 1) / beams)).astype(np.int64)
         position, quaternion = _poses(motion, (t_ns[:, np.newaxis] - back).ravel())
         bearing = np.tile(2.0 * np.pi * np.arange(beams) / beams, len(t_ns))
