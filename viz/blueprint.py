@@ -16,8 +16,18 @@ _CELLS = 50
 _LEGEND_WIDTH = 0.33
 _LEGEND_ENTRY = 0.14
 """Share of a plot's width that a legend takes, and of its height that one entry takes, in a window of 1600 x 900."""
+_LEGEND_MOST, _LEGEND_HIDES = 4, 0.05
+"""A legend of more entries, or one that hides a larger share of the curves, is left out where another panel lists the
+same names."""
+_LEAST_RANGE = 2e-3
+"""Of a plot, in whatever unit it has."""
 _SKY = (184, 205, 224)
 _SOIL = (58, 46, 36)
+_NIGHT = (13, 16, 17)
+_PICTURE_SHARE = 1.5
+"""Height of a row with a picture where the field\'s is 3."""
+_DIAL_SHARE = 1.5
+"""Height of a dial, in rows of plots."""
 
 
 def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
@@ -26,17 +36,20 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     field = [_field_view(panel, sheet) for panel in by_kind[PanelKind.FIELD]]
     pages = [rrb.TextDocumentView(origin=_root(panel), name=panel.title) for panel in by_kind[PanelKind.PAGE]]
     lanes = [
-        rrb.StateTimelineView(origin=_root(p), name=p.title, time_view=_whole(duration_ns))
+        rrb.StateTimelineView(origin=_root(p), name=p.title, time_view=_whole(sheet.begin_ns, duration_ns))
         for p in by_kind[PanelKind.LANES]
     ]
     logs = [_log_view(panel) for panel in by_kind[PanelKind.LOG]]
     plots = [_plot_view(panel, sheet, duration_ns) for panel in by_kind[PanelKind.PLOT]]
-    maps = [_map_view(panel, sheet) for panel in by_kind[PanelKind.MAP]]
+    maps = [_map_view(panel, sheet, _SOIL) for panel in by_kind[PanelKind.MAP]]
+    dials = [_map_view(panel, sheet, _NIGHT) for panel in by_kind[PanelKind.DIAL]]
     side_by_side = [rrb.Horizontal(*maps, name="Seeds in a turn")] if len(maps) > 1 else maps
     pictures = [rrb.Spatial2DView(origin=_root(p), name=p.title) for p in by_kind[PanelKind.PICTURE]]
     below = _beside(_tabs([*lanes, *logs]), _tabs(pictures))
-    left = _column([_tabs([*field, *side_by_side, *pages]), below], shares=(2, 1) if pictures else (3, 1))
-    parts = [part for part in (left, _grid(plots)) if part is not None]
+    lower = max(_lanes_share(sheet), _PICTURE_SHARE) if pictures else _lanes_share(sheet)
+    left = _column([_tabs([*field, *side_by_side, *pages]), below], shares=(3.0, lower))
+    right = _column([*dials, _grid(plots)], shares=[*[_DIAL_SHARE] * len(dials), max(1.0, -(-len(plots) // 2))])
+    parts = [part for part in (left, right) if part is not None]
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[1.0, 1.0][: len(parts)]),
         rrb.BlueprintPanel(state="collapsed"),
@@ -47,16 +60,23 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     )
 
 
+def _lanes_share(sheet: Sheet) -> float:
+    """Height of the lanes where the field's is 3: four lanes fit in 1."""
+    lanes = sum(entity.startswith(f"{entities.STATE}/") for entity in sheet.entities)
+    return min(max(1.0, lanes / 4.0), 2.0)
+
+
 def _root(panel: Panel) -> str:
     return f"/{panel.origin}"
 
 
-def _whole(duration_ns: int) -> rrb.TimeAxis:
-    """Show the whole run, wherever the cursor is."""
+def _whole(begin_ns: int, duration_ns: int) -> rrb.TimeAxis:
+    """Show all from ``begin_ns`` to the end of the run, wherever the cursor is."""
     boundary = rrb.TimeRangeBoundary.absolute
+    begin, end = begin_ns / NS_PER_S, max(duration_ns, 1) / NS_PER_S
     # a little more, for the label of the last tick
-    end = 1.04 * max(duration_ns, 1) / NS_PER_S
-    return rrb.TimeAxis(view_range=rr.TimeRange(start=boundary(seconds=0.0), end=boundary(seconds=end)))
+    end += 0.04 * (end - begin)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=boundary(seconds=begin), end=boundary(seconds=end)))
 
 
 def _field_view(panel: Panel, sheet: Sheet) -> rrb.Spatial3DView:
@@ -84,43 +104,50 @@ def _field_view(panel: Panel, sheet: Sheet) -> rrb.Spatial3DView:
     )
 
 
-def _map_view(panel: Panel, sheet: Sheet) -> rrb.Spatial2DView:
+def _map_view(panel: Panel, sheet: Sheet, background: entities.Colour) -> rrb.Spatial2DView:
     x_range, y_range = sheet.bounds[panel.origin]
     return rrb.Spatial2DView(
         origin=_root(panel),
         name=panel.title,
-        background=_SOIL,
+        background=background,
         visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
     )
 
 
 def _plot_view(panel: Panel, sheet: Sheet, duration_ns: int) -> rrb.TimeSeriesView:
-    curves = sheet.curves.get(panel.origin, [])
+    curves = [later for curve in sheet.curves.get(panel.origin, []) if len((later := curve.since(sheet.begin_ns)).t_ns)]
     low, high = _range(curves)
+    names = {curve.name for curve in curves}
+    corner, hidden = emptiest_corner(curves, duration_ns, begin_ns=sheet.begin_ns)
+    # What another panel lists with its colours need not be told again where that would cover curves.
+    told = names <= sheet.listed and (len(names) > _LEGEND_MOST or hidden > _LEGEND_HIDES)
     return rrb.TimeSeriesView(
         origin=_root(panel),
         name=panel.title,
-        axis_x=_whole(duration_ns),
+        axis_x=_whole(sheet.begin_ns, duration_ns),
         # The viewer's own choice of range leaves bands out and lets lines touch the frame.
         axis_y=rrb.ScalarAxis(range=(low, high)) if curves else None,
-        plot_legend=rrb.PlotLegend(emptiest_corner(curves, duration_ns)),
+        plot_legend=rrb.PlotLegend(corner, visible=not told),
     )
 
 
 def _range(curves: Sequence[Curve]) -> tuple[float, float]:
-    """Range of a plot that holds its curves with a margin."""
+    """Range of a plot that holds its curves with a margin; what stands still is not blown up."""
     low = min((float(curve.values.min()) for curve in curves), default=0.0)
     high = max((float(curve.values.max()) for curve in curves), default=0.0)
-    margin = 0.06 * (high - low) or max(abs(high), 1e-3)
+    margin = max(0.06 * (high - low), 0.5 * (_LEAST_RANGE - (high - low)), 1e-6 * abs(high))
     return low - margin, high + margin
 
 
-def emptiest_corner(curves: Sequence[Curve], duration_ns: int) -> rrb.Corner2D:
-    """Corner of a plot where a legend covers least of its curves."""
+def emptiest_corner(curves: Sequence[Curve], duration_ns: int, *, begin_ns: int = 0) -> tuple[rrb.Corner2D, float]:
+    """Corner of a plot, from ``begin_ns`` to ``duration_ns``, where a legend covers least of its curves; and how much.
+
+    That is the share of all the area's cells through which curves go.
+    """
     if not curves:
-        return rrb.Corner2D.LeftTop
+        return rrb.Corner2D.LeftTop, 0.0
     low, high = _range(curves)
-    x = np.concatenate([curve.t_ns for curve in curves]) / max(duration_ns, 1)
+    x = (np.concatenate([curve.t_ns for curve in curves]) - begin_ns) / max(duration_ns - begin_ns, 1)
     y = (np.concatenate([curve.values for curve in curves]) - low) / (high - low)
     # Area counts, not samples: a line that stands still covers little, however long.
     covered = np.zeros((_CELLS, _CELLS), dtype=bool)
@@ -134,7 +161,8 @@ def emptiest_corner(curves: Sequence[Curve], duration_ns: int) -> rrb.Corner2D:
         for end, along in lines.items()
         for side, across in columns.items()
     }
-    return rrb.Corner2D[min(counts, key=lambda corner: counts[corner])]
+    best = min(counts, key=lambda corner: counts[corner])
+    return rrb.Corner2D[best], counts[best] / int(covered.sum())
 
 
 def _log_view(panel: Panel) -> rrb.TextLogView:

@@ -9,14 +9,17 @@ import numpy as np
 from twin.control import build_driver
 from twin.recording import Recording
 from twin.scenario import Scenario, loads
-from twin.signals import FloatArray
-from twin.world.magnetics import IronConfig, MagnetConfig
+from twin.sensors.lidar import LidarConfig
+from twin.signals import NS_PER_S, FloatArray
+from twin.world.magnetics import IronConfig, MagnetConfig, Magnetics, MagneticsConfig
 from twin.world.orchard import planted
 from twin.world.signs import put_up
 from twin.world.terrain import Terrain, build_terrain, wanted_extent
 from twin.world.urdf import read_urdf
-from viz.scene import Scene
+from viz.magnetic import MU0_4PI_UT, MagneticPieces
+from viz.scene import Scanner, Scene
 
+_SHARE_S = 0.05
 _PATH_STEP_M = 0.5
 """Of the drawn path; a tenth of it for machines that turn within their own length."""
 
@@ -57,12 +60,40 @@ def scene_of(recording: Recording) -> Scene:
         paved=scenario.soil.preset == "asphalt",
         trunks=planted(trunks, terrain),
         signs=put_up(scenario.signs, terrain),
-        magnets=_on_ground(scenario.magnetics.magnets, terrain),
-        iron=_on_ground(scenario.magnetics.iron, terrain),
+        magnetic=_magnetic(scenario.magnetics, terrain, ended_t_s=recording.ended_t_s),
         scanners=_scanners(scenario),
         hidden=frozenset(set(scenario.estimators) - set(drawn)) if drawn else frozenset(),
         segment_labels=driver.segment_names,
     )
+
+
+def _magnetic(config: MagneticsConfig, terrain: Terrain, *, ended_t_s: float) -> MagneticPieces:
+    """Magnets and iron; the share of magnets that come and go is looked up every 20th of a second."""
+    come_and_go = any(magnet.from_s > 0.0 or magnet.to_s is not None for magnet in config.magnets)
+    times = np.arange(0.0, ended_t_s, _SHARE_S) if come_and_go else np.zeros(1)
+    moments: list[tuple[float, ...]] = [magnet.moment_a_m2 for magnet in config.magnets]
+    iron = _on_ground(config.iron, terrain)
+    moments += [_moment(config, piece, place, terrain) for piece, place in zip(config.iron, iron, strict=True)]
+    return MagneticPieces(
+        magnets=_on_ground(config.magnets, terrain),
+        iron=iron,
+        moments_a_m2=np.array(moments, dtype=np.float64).reshape(-1, 3),
+        share_t_ns=np.round(times * NS_PER_S).astype(np.int64),
+        shares=np.array([[magnet.share(t_s) for magnet in config.magnets] for t_s in times.tolist()]),
+        earth_ut=config.strength_ut,
+    )
+
+
+def _moment(config: MagneticsConfig, iron: IronConfig, place: FloatArray, terrain: Terrain) -> tuple[float, ...]:
+    """What the earth induces in a piece of iron, A m^2, told from the field eastwards of it.
+
+    There, at r, the field of a dipole m is mu_0 / (4 pi r^3) (2 m_e, -m_n, -m_u).
+    """
+    away_m = 2.0 * iron.radius_m
+    alone = Magnetics(config.model_copy(update={"magnets": (), "iron": (iron,)}), terrain)
+    field_ut = alone.field_ut(place[:3] + np.array([away_m, 0.0, 0.0]), 0.0) - config.earth_field.enu_ut
+    moment: FloatArray = away_m**3 / MU0_4PI_UT * field_ut * (0.5, -1.0, -1.0)
+    return tuple(moment.tolist())
 
 
 def _on_ground(pieces: Sequence[MagnetConfig | IronConfig], terrain: Terrain) -> FloatArray:
@@ -71,12 +102,14 @@ def _on_ground(pieces: Sequence[MagnetConfig | IronConfig], terrain: Terrain) ->
     return np.array(places, dtype=np.float64).reshape(-1, 4)
 
 
-def _scanners(scenario: Scenario) -> dict[str, tuple[float, float, float]]:
-    """Where the lidars sit; one on another link than the root, or turned, is left out."""
+def _scanners(scenario: Scenario) -> dict[str, Scanner]:
+    """The lidars; one on another link than the root, or turned, is left out."""
     root = read_urdf(scenario.machine.asset).links[0].name
-    mounts = {
-        name: scenario.machine.resolved_mounts[sensor.mount]
-        for name, sensor in scenario.sensors.items()
-        if sensor.kind == "lidar"
-    }
-    return {name: mount.xyz_m for name, mount in mounts.items() if mount.body == root and not any(mount.rpy_rad)}
+    found: dict[str, Scanner] = {}
+    for name, sensor in scenario.sensors.items():
+        if not isinstance(sensor, LidarConfig):
+            continue
+        mount = scenario.machine.resolved_mounts[sensor.mount]
+        if mount.body == root and not any(mount.rpy_rad):
+            found[name] = Scanner(xyz_m=mount.xyz_m, range_m=(sensor.min_range_m, sensor.max_range_m))
+    return found

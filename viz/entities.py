@@ -28,7 +28,6 @@ FOCUS = "world/focus"
 """An invisible point that moves with the machine and that the camera follows."""
 TRUNKS = "world/orchard/trunks"
 CROWNS = "world/orchard/crowns"
-MAGNETS = "world/magnets"
 IRON = "world/iron"
 PLATES = "world/signs/plates"
 POSTS = "world/signs/posts"
@@ -54,9 +53,19 @@ def joint(name: str) -> str:
     return f"{WORLD}/joints/{name}"
 
 
-def true_trail(row: int) -> str:
-    """Where a row unit truly went."""
-    return f"{WORLD}/truth/row_{row}"
+def magnet(index: int) -> str:
+    """A magnet."""
+    return f"{WORLD}/magnets/{index}"
+
+
+def magnetic_reach(piece: int) -> str:
+    """Discs on the ground in which a magnet or a piece of iron is felt; magnets are counted first."""
+    return f"{WORLD}/magnetic_reach/{piece}"
+
+
+def true_trail(row: int | None = None) -> str:
+    """Where a row unit truly went, or else the reference point."""
+    return f"{WORLD}/truth/trail" if row is None else f"{WORLD}/truth/row_{row}"
 
 
 def measured_points(sensor: str) -> str:
@@ -66,7 +75,17 @@ def measured_points(sensor: str) -> str:
 
 def scan(sensor: str) -> str:
     """Points of a lidar's latest turn."""
-    return f"world/scan/{sensor}"
+    return f"{WORLD}/scan/{sensor}"
+
+
+def lost_beams(sensor: str) -> str:
+    """Where beams of the latest turn met a tree and did not come back."""
+    return f"{WORLD}/scan_lost/{sensor}"
+
+
+def wrong_beams(sensor: str) -> str:
+    """Points of the latest turn at ranges that mean nothing."""
+    return f"{WORLD}/scan_wrong/{sensor}"
 
 
 def estimated_trail(estimator: str) -> str:
@@ -119,6 +138,29 @@ def sign_box(sensor: str) -> str:
     return f"{PICTURES}/{sensor}/sign"
 
 
+# --- dial ------------------------------------------------------------------------------------------------------------
+
+DIAL = "dial"
+"""A compass dial with the headings of all estimators and the truth's."""
+DIAL_FACE = "dial/face"
+DIAL_TRUTH = "dial/truth"
+
+
+def dial_needle(estimator: str) -> str:
+    """Arrow along an estimator's heading."""
+    return f"{DIAL}/needle/{estimator}"
+
+
+def dial_name(estimator: str) -> str:
+    """Line of the list beside the dial."""
+    return f"{DIAL}/name/{estimator}"
+
+
+def dial_bar(estimator: str) -> str:
+    """An estimator's error as a bar."""
+    return f"{DIAL}/bar/{estimator}"
+
+
 # --- plots -----------------------------------------------------------------------------------------------------------
 
 PLOTS = "plots"
@@ -161,19 +203,32 @@ PLANNED_COLOUR: Colour = (250, 225, 130)
 CALM_COLOUR: Colour = (52, 60, 66)
 TURN_COLOUR: Colour = (140, 85, 165)
 FAULT_COLOUR: Colour = (190, 60, 60)
+TRUSTED_COLOUR: Colour = (50, 115, 80)
+LEARNING_COLOUR: Colour = (70, 95, 140)
+RECOVERING_COLOUR: Colour = (170, 120, 40)
 _STRAIGHT_COLOUR: Colour = (70, 120, 70)
 _OTHER_COLOUR: Colour = (110, 95, 80)
 
-# Okabe and Ito's palette, which people who cannot tell red from green can read, in the order that separates best on
-# both the dark plots and the soil.
+# The first five are Okabe and Ito's, which people who cannot tell red from green can read, in the order that separates
+# best on both the dark plots and the soil; the others lie far from them, from one another and from grey.
 _ESTIMATORS: tuple[Colour, ...] = (
     (86, 180, 233),
     (240, 150, 20),
     (220, 125, 185),
     (0, 190, 140),
     (240, 228, 66),
-    (225, 95, 30),
+    (250, 65, 75),
+    (180, 85, 255),
+    (110, 245, 70),
+    (90, 115, 255),
+    (175, 120, 70),
 )
+
+SCAN_NEAR_COLOUR: Colour = (255, 120, 40)
+SCAN_FAR_COLOUR: Colour = (60, 200, 255)
+SCAN_LOST_COLOUR: Colour = (235, 30, 60)
+SCAN_WRONG_COLOUR: Colour = (235, 60, 235)
+"""Of a lidar's points: from near to far, where a beam was lost, and where one gave a wrong range."""
 
 QUALITY_LABELS = {4: "RTK fixed", 5: "RTK float", 2: "DGPS", 1: "single", 0: "no fix"}
 """NMEA GGA quality, field 6."""
@@ -200,7 +255,7 @@ LEVEL_NAMES = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 
 def estimator_colours(estimators: Sequence[str]) -> dict[str, Colour]:
-    """Return one colour per estimator, the same wherever the estimator is drawn; repeats after six."""
+    """Return one colour per estimator, the same wherever the estimator is drawn; repeats after ten."""
     return {name: _ESTIMATORS[index % len(_ESTIMATORS)] for index, name in enumerate(estimators)}
 
 
@@ -218,6 +273,10 @@ def dimmed(colour: Colour) -> Colour:
 def segment_colour(label: str) -> Colour:
     """Colour of a path segment by what its label says it is."""
     words = label.lower()
+    if "stopped" in words:
+        return LEARNING_COLOUR
+    if "driving" in words:
+        return _STRAIGHT_COLOUR
     if "turn" in words:
         return TURN_COLOUR
     return _STRAIGHT_COLOUR if "straight" in words else _OTHER_COLOUR

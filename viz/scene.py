@@ -9,10 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from twin.signals import FloatArray
+from viz.magnetic import MagneticPieces
 
 _BEYOND_M, _BEYOND_SHARE = 1.0, 0.45
 """Tyres and bodywork reach this far beyond the footprint: a metre, or this share of a small machine's diagonal."""
 _FULL_SIZE_M = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scanner:
+    """A lidar whose axis is that of the machine."""
+
+    xyz_m: tuple[float, float, float]
+    """Where it sits on the machine's root link."""
+    range_m: tuple[float, float]
+    """Its least and largest range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,12 +51,10 @@ class Scene:
     """(N, 5) trunks of trees: east, north, radius, bottom, top, m."""
     signs: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
     """(N, 6) stop signs: east, north, up of the plate's middle, heading (rad), size, bottom of the post, m."""
-    magnets: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
-    """(K, 4) east, north, up and radius, m."""
-    iron: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
-    """(K, 4) likewise of soft iron."""
-    scanners: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Where lidars sit on the machine's root link, by the sensor's name, m."""
+    magnetic: MagneticPieces = field(default_factory=MagneticPieces)
+    """Magnets and iron."""
+    scanners: Mapping[str, Scanner] = field(default_factory=dict)
+    """Lidars on the machine's root link, by the sensor's name."""
     hidden: frozenset[str] = frozenset()
     """Estimators that are not drawn."""
     segment_labels: tuple[str, ...] = ()

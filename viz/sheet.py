@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Protocol
 
+import numpy as np
 import rerun as rr
 
 from twin.recording import Recording, Stream
-from twin.signals import FloatArray, IntArray
+from twin.signals import LANE_OFFSET, FloatArray, IntArray
 from viz import entities
 from viz.scene import Scene
 
@@ -21,6 +22,7 @@ class PanelKind(Enum):
     FIELD = auto()
     MAP = auto()
     PICTURE = auto()
+    DIAL = auto()
     PLOT = auto()
     LANES = auto()
     LOG = auto()
@@ -48,6 +50,11 @@ class Curve:
     values: FloatArray
     """(T,) finite."""
 
+    def since(self, begin_ns: int) -> Curve:
+        """The part from ``begin_ns`` on; may be empty."""
+        kept = self.t_ns >= begin_ns
+        return Curve(name=self.name, t_ns=self.t_ns[kept], values=self.values[kept])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Run:
@@ -69,6 +76,11 @@ class Run:
     def truth(self) -> Stream | None:
         """The truth, or ``None`` where there is none (a real log)."""
         return self.recording.streams.get("truth")
+
+    @property
+    def keeps_lane(self) -> bool:
+        """Whether the machine's driver keeps to a lane."""
+        return self.truth is not None and self.truth.has(LANE_OFFSET)
 
     @property
     def estimators(self) -> list[str]:
@@ -115,6 +127,10 @@ class Sheet:
         """What each plot holds, for its range and for a legend that covers little."""
         self.bounds: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
         """What a map shows at first: range to the right and range downwards, by its origin."""
+        self.listed: set[str] = set()
+        """Names of series that a panel other than the plots lists with their colours."""
+        self.begin_ns = 0
+        """Where the plots begin: later than the run, if the machine stands for most of it."""
         self.follow: str | None = None
         """Entity that the camera follows."""
         self.eye: tuple[FloatArray, FloatArray] | None = None
@@ -138,6 +154,16 @@ class Sheet:
         """Remember what a series looks like; its plot is the entity above."""
         if len(t_ns):
             self.curves.setdefault(entity.rpartition("/")[0], []).append(Curve(name=name, t_ns=t_ns, values=values))
+
+    def line(
+        self, entity: str, t_ns: IntArray, values: FloatArray, colour: entities.Colour, *, width: float = 1.5
+    ) -> None:
+        """Draw one line of a plot, named after the entity's last part; gaps (NaN) are left out."""
+        known, name = np.isfinite(values), entities.legend_name(entity.rpartition("/")[2])
+        self.rows(entity, t_ns[known], rr.Scalars.columns(scalars=values[known]))
+        self.curve(entity, name, t_ns[known], values[known])
+        if known.any():
+            self.static(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[width]))
 
     def panel(self, kind: PanelKind, origin: str, title: str) -> None:
         """Ask for a panel, once something was drawn at or below ``origin``; asking again changes nothing."""

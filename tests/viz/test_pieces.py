@@ -15,7 +15,7 @@ from twin.signals import NS_PER_S
 from viz import entities
 from viz.blueprint import emptiest_corner
 from viz.layers.estimates import ellipse_axes
-from viz.layers.machine import _seen_from_behind, joint_transform
+from viz.layers.machine import _seen_from_behind, joint_transform, sets_off_ns
 from viz.layers.plots import true_values
 from viz.layers.states import segment_labels
 from viz.legible import legible
@@ -59,6 +59,45 @@ def test_a_camera_sees_all_of_a_machine_and_little_else(footprint: Any, beyond: 
             angles.append(np.degrees(np.arccos(corner @ look / np.linalg.norm(corner))))
     assert max(angles) < 27.5
     assert max(angles) > 27.5 / 3.0
+
+
+def test_between_rows_of_trees_the_camera_sees_robot_and_both_rows() -> None:
+    # Turned by 57 degrees; trees 0.8 m apart along the lane, rows 0.4 m to either side.
+    turn = np.array([[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]])
+    local = np.array([(0.8 * k, side * 0.4) for k in range(4) for side in (-1.0, 1.0)])
+    trunks = np.column_stack([local @ turn.T + (5.0, 3.0), np.tile((0.04, -0.2, 0.6), (8, 1))])
+    run = Run(recording=make_recording(1.0), scene=plane_scene(footprint_m=ROBOT, trunks=trunks), result={})
+    place = np.array([5.0, 3.0, 0.033])
+    eye, target = _seen_from_behind(run, place, np.array([0.0, 0.0, np.sin(0.5), np.cos(0.5)]))
+    look = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(look, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    above = np.cross(right, look)
+
+    def across_and_up(point: np.ndarray) -> tuple[float, float]:
+        x, y, z = (point - eye) @ right, (point - eye) @ above, (point - eye) @ look
+        return float(np.degrees(np.arctan2(x, z))), float(np.degrees(np.arctan2(y, z)))
+
+    # The view is 55 degrees high and a third wider than high: 34.7 degrees to either side.
+    assert all(abs(angle) < 20.0 for angle in across_and_up(place))
+    feet = np.column_stack([trunks[2:, :2], np.zeros(6)])
+    sides = [across_and_up(foot) for foot in feet]
+    assert all(abs(across) < 34.7 and abs(up) < 27.5 for across, up in sides)
+    assert [np.sign(across) for across, _ in sides] == [1.0, -1.0] * 3  # right, left
+    # The horizon is in the picture, in its upper half.
+    assert 0.0 < np.degrees(np.arcsin(-look[2])) < 27.5
+    # The robot, 0.11 m, is not lost in it.
+    assert np.degrees(0.11 / np.linalg.norm(place - eye)) > 5.0
+
+
+def test_plots_begin_shortly_before_a_machine_sets_off_that_stood_for_long() -> None:
+    t_ns = np.arange(101) * NS_PER_S
+    place = np.zeros((101, 3))
+    place[71:, 0] = np.arange(1, 31) * 0.5
+    # 29 s of drive; a tenth of it before 71 s
+    assert sets_off_ns(t_ns, place) == 71 * NS_PER_S - 29 * NS_PER_S // 10
+    assert sets_off_ns(t_ns[:101], np.roll(place, -30, axis=0) * (t_ns[:, np.newaxis] < 70 * NS_PER_S)) == 0
+    assert sets_off_ns(t_ns, np.zeros((101, 3))) == 0
 
 
 def test_asphalt_is_grey_and_soil_is_not() -> None:
@@ -205,7 +244,7 @@ def test_truth_between_rows_is_interpolated_the_short_way_round(tmp_path: Path) 
 def corner_of(*lines: np.ndarray) -> rrb.Corner2D:
     t_ns = np.arange(100) * NS_PER_S
     curves = [Curve(name=str(index), t_ns=t_ns, values=values) for index, values in enumerate(lines)]
-    return emptiest_corner(curves, 99 * NS_PER_S)
+    return emptiest_corner(curves, 99 * NS_PER_S)[0]
 
 
 def test_the_legend_goes_where_the_curves_are_not() -> None:
@@ -217,7 +256,18 @@ def test_the_legend_goes_where_the_curves_are_not() -> None:
     assert corner_of(wild) in {rrb.Corner2D.LeftTop, rrb.Corner2D.LeftBottom}
     # standing at zero, then going: the four entries fit above the zero line
     assert corner_of(*(k * np.where(rising < 0.5, 0.0, 1.0) for k in (0.7, 0.8, 0.9, 1.0))) == rrb.Corner2D.LeftTop
-    assert emptiest_corner([], 0) == rrb.Corner2D.LeftTop
+    assert emptiest_corner([], 0) == (rrb.Corner2D.LeftTop, 0.0)
+
+
+def test_what_a_legend_hides_is_counted_within_the_time_that_is_shown() -> None:
+    t_ns = np.arange(100) * NS_PER_S
+    # Stands at zero for 80 s, then fills the plot from top to bottom: no corner is free of what is shown.
+    values = np.where(t_ns < 80 * NS_PER_S, 0.0, (-1.0) ** np.arange(100))
+    dense = Curve(name="a", t_ns=np.repeat(t_ns, 50), values=(values[:, np.newaxis] * np.linspace(0, 1, 50)).ravel())
+    _, all_of_it = emptiest_corner([dense], 99 * NS_PER_S)
+    _, the_end = emptiest_corner([dense.since(80 * NS_PER_S)], 99 * NS_PER_S, begin_ns=80 * NS_PER_S)
+    assert all_of_it == 0.0
+    assert the_end > 0.02
 
 
 def test_text_is_kept_to_what_the_viewer_can_draw() -> None:
@@ -226,8 +276,28 @@ def test_text_is_kept_to_what_the_viewer_can_draw() -> None:
 
 
 def test_every_estimator_keeps_its_colour() -> None:
-    names = ["a", "b", "c", "d", "e", "f", "g"]
+    names = list("abcdefghijk")
     colours = entities.estimator_colours(names)
-    assert len({colours[name] for name in names[:6]}) == 6
-    assert colours["g"] == colours["a"]
+    assert len({colours[name] for name in names[:10]}) == 10
+    assert colours["k"] == colours["a"]
     assert entities.TRUTH_COLOUR not in colours.values()
+
+
+def cielab(colour: entities.Colour) -> np.ndarray:
+    """sRGB (IEC 61966-2-1, white D65) in CIE L*a*b*."""
+    share = np.array(colour) / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    to_xyz = [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+    x, y, z = np.cbrt(np.array(to_xyz) @ linear / (0.95047, 1.0, 1.08883))  # none is as dark as 6/29
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+def test_ten_colours_are_told_apart_from_one_another_and_from_a_dark_plot() -> None:
+    colours = [*entities.estimator_colours(list("abcdefghij")).values(), entities.TRUTH_COLOUR]
+    colours.append(entities.MEASURED_COLOUR)
+    # A difference of 2.3 is just noticeable (Mahy et al. 1994); ten times that is seen in a thin line.
+    for index, first in enumerate(colours):
+        for second in colours[index + 1 :]:
+            assert np.linalg.norm(cielab(first) - cielab(second)) > 23.0
+        # WCAG 2.1, 1.4.11: graphics need a contrast of 3 to 1; against black plots (Y 0.006) that is Y 0.118, L* 41.
+        assert cielab(first)[0] > 41.0

@@ -69,11 +69,17 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Path]:
 
 def test_trees_magnets_and_iron_are_drawn_where_they_are(drawn: tuple[Recording, Path]) -> None:
     recording, path = drawn
-    assert {entities.TRUNKS, entities.CROWNS, entities.MAGNETS, entities.IRON} <= entities_of(path)
+    assert {entities.TRUNKS, entities.CROWNS, entities.magnet(0), entities.IRON} <= entities_of(path)
     scene = scene_of(recording)
     np.testing.assert_allclose(scene.trunks[:, :3], [[1.0, 0.5, 0.05], [0.4, -0.6, 0.05]])
-    np.testing.assert_allclose(scene.magnets, [[0.5, 0.3, 0.02, 0.01]])
-    np.testing.assert_allclose(scene.iron, [[0.5, -0.3, 0.1, 0.05]])
+    np.testing.assert_allclose(scene.magnetic.magnets, [[0.5, 0.3, 0.02, 0.01]])
+    np.testing.assert_allclose(scene.magnetic.iron, [[0.5, -0.3, 0.1, 0.05]])
+    # A ball of a = 5 cm in 46 uT: 4 pi a^3 / mu_0 (200 - 1) / (200 + 2) B, along the earth's field.
+    moment = scene.magnetic.moments_a_m2[1]
+    assert np.linalg.norm(moment) == pytest.approx(0.05**3 / 1e-7 * 199.0 / 202.0 * 46e-6, rel=1e-6)
+    # 56 degrees downwards, 5 degrees east of north
+    assert np.degrees(np.arcsin(-moment[2] / np.linalg.norm(moment))) == pytest.approx(56.0)
+    assert np.degrees(np.arctan2(moment[0], moment[1])) == pytest.approx(5.0)
     # Nothing of a tree hovers: trunks begin below the ground.
     assert np.all(scene.trunks[:, 3] < 0.0)
 
@@ -88,10 +94,11 @@ def test_points_of_a_perfect_scan_lie_on_the_bark_also_while_driving_and_turning
     assert counts.min() > 0
     points = np.array([point for row in rows.to_pylist() for point in row])
     gap = np.linalg.norm(points[:, np.newaxis, :2] - TRUNKS, axis=2).min(axis=1)
-    # Whole millimetres; within a turn of 0.2 s at up to 0.5 m/s^2 the way differs by 1/8 a t^2 = 2.5 mm from a straight
-    # line in time, and half as much again where the robot begins to turn.
-    assert np.abs(gap - 0.05).max() < 0.006
+    # Ranges are whole millimetres: half of one to either side.
+    assert np.abs(gap - 0.05).max() < 0.001
     assert points[:, 2] == pytest.approx(0.033 + 2.3 * 0.042, abs=2e-3)
+    # In a light within its limit the lidar loses nothing, and nothing is taken for lost.
+    assert not {entities.lost_beams("lidar"), entities.wrong_beams("lidar")} & entities_of(path)
 
 
 def test_plots_hold_field_strength_wheel_speeds_and_beams(drawn: tuple[Recording, Path]) -> None:
@@ -100,6 +107,8 @@ def test_plots_hold_field_strength_wheel_speeds_and_beams(drawn: tuple[Recording
     compass = recording.measurements("compass")
     at = np.searchsorted(compass.t_ns, t_ns)
     np.testing.assert_allclose(strength, np.linalg.norm(compass.values[at, 0], axis=1))
+    _, earth = scalars(path, entities.plot("field_strength", "earth_alone"))
+    assert earth.tolist() == [46.0, 46.0]
     _, share = scalars(path, entities.plot("returns", "lidar"))
     lidar = recording.measurements("lidar").values[:, 0]
     np.testing.assert_allclose(share, 100.0 * np.isfinite(lidar).mean(axis=1))

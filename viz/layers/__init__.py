@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from viz.layers.dial import draw_dial
 from viz.layers.estimates import draw_estimates
 from viz.layers.field_and_wheels import draw_field_strength, draw_wheel_speeds
 from viz.layers.ground import draw_ground
+from viz.layers.lane import draw_lane_plot
 from viz.layers.machine import draw_machine
 from viz.layers.measurements import draw_measured_positions
 from viz.layers.pictures import draw_pictures
@@ -25,9 +27,11 @@ LAYERS: tuple[Layer, ...] = (
     draw_row_trails,
     draw_measured_positions,
     draw_estimates,
+    draw_dial,
     draw_seeds,
     draw_row_speed_plots,
     draw_motion_plots,
+    draw_lane_plot,
     draw_population_plot,
     draw_field_strength,
     draw_wheel_speeds,

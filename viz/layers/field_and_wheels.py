@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 import numpy as np
-import rerun as rr
 
-from twin.signals import FloatArray, IntArray
 from viz import entities
 from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import thin
 
 PLOT_HZ = 25.0
 _FIELD = ("mag_x_ut", "mag_y_ut", "mag_z_ut")
+EARTH_SERIES, _EARTH = "earth_alone", (120, 200, 130)
 _LEFT, _RIGHT = (242, 166, 90), (110, 180, 250)
 
 
 def draw_field_strength(run: Run, sheet: Sheet) -> None:
-    """Plot the length of what each magnetometer measured: in an undisturbed field, calibrated, it does not change."""
+    """Plot the length of what each magnetometer measured, beside the earth's where magnets or iron are about.
+
+    In an undisturbed field, calibrated, it does not change.
+    """
+    drawn = False
     for sensor in run.recording.names("measurements"):
         stream = run.recording.measurements(sensor)
         field = run.columns(stream, *_FIELD)
         if field is not None:
             keep = thin(stream.t_ns, PLOT_HZ)
             strength = np.linalg.norm(field[keep], axis=1)
-            _line(sheet, entities.plot("field_strength", sensor), stream.t_ns[keep], strength, entities.MEASURED_COLOUR)
+            sheet.line(entities.plot("field_strength", sensor), stream.t_ns[keep], strength, entities.MEASURED_COLOUR)
+            drawn = True
+    if drawn and run.scene.magnetic.count:
+        ends = np.array([0, run.duration_ns], dtype=np.int64)
+        earth = np.full(2, run.scene.magnetic.earth_ut)
+        sheet.line(entities.plot("field_strength", EARTH_SERIES), ends, earth, _EARTH)
     sheet.panel(PanelKind.PLOT, entities.plot("field_strength"), "Measured field strength [uT]")
 
 
@@ -39,15 +47,6 @@ def draw_wheel_speeds(run: Run, sheet: Sheet) -> None:
         keep = thin(truth.t_ns, PLOT_HZ)
         t_ns, angle, wanted = truth.t_ns[keep], found[keep, 0], found[keep, 1]
         rate = np.gradient(angle, (t_ns - t_ns[0]) / 1e9)
-        _line(sheet, entities.plot("wheel_speed", side), t_ns, rate, colour)
-        _line(sheet, entities.plot("wheel_speed", f"{side}_wanted"), t_ns, wanted, entities.dimmed(colour))
+        sheet.line(entities.plot("wheel_speed", side), t_ns, rate, colour)
+        sheet.line(entities.plot("wheel_speed", f"{side}_wanted"), t_ns, wanted, entities.dimmed(colour))
     sheet.panel(PanelKind.PLOT, entities.plot("wheel_speed"), "Speed of the wheels [rad/s]")
-
-
-def _line(sheet: Sheet, entity: str, t_ns: IntArray, values: FloatArray, colour: entities.Colour) -> None:
-    known = np.isfinite(values)
-    name = entities.legend_name(entity.rpartition("/")[2])
-    sheet.rows(entity, t_ns[known], rr.Scalars.columns(scalars=values[known]))
-    sheet.curve(entity, name, t_ns[known], values[known])
-    if known.any():
-        sheet.static(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]))

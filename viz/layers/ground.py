@@ -41,7 +41,9 @@ def draw_ground(run: Run, sheet: Sheet) -> None:
             entities.PLANNED_PATH,
             rr.LineStrips3D([strip], colors=[entities.PLANNED_COLOUR], radii=rr.Radius.ui_points(1.0)),
         )
-    sheet.panel(PanelKind.FIELD, entities.WORLD, f"Field, grid of {spacing_m:g} m")
+    scans = set(scene.scanners) & set(run.recording.names("measurements"))
+    legend = "; lidar near orange, far blue, lost red, wrong magenta" if scans else ""
+    sheet.panel(PanelKind.FIELD, entities.WORLD, f"Field, grid of {spacing_m:g} m{legend}")
 
 
 def _visited(run: Run) -> FloatArray:

@@ -20,8 +20,15 @@ _STILL = 1e-4
 """A machine that moves less than this (m, rad, quaternion) is not drawn anew: a tenth of a millimetre."""
 _EYE = np.array([-0.70, 0.585, 0.405])
 """From what the camera looks at to where it stands at the start: behind, to the left, above."""
-_EYE_DIAGONALS, _AMONG_TREES = 1.08, 2.2
-"""Distance of the camera in diagonals of the machine, and how many times that where there are trees to be seen."""
+_EYE_DIAGONALS, _BESIDE_MAGNETS = 1.08, 1.8
+"""Distance of the camera in diagonals of the machine, and how many times that where magnets lie about."""
+_EYE_IN_LANE, _LOOK_IN_LANE = np.array([-1.0, 0.18, 0.62]), np.array([0.55, 0.0, 0.0])
+"""Between rows of trees: where the camera stands and where it looks, ahead, left and above of the machine, in units of
+a distance that shows the rows on both sides."""
+_LANE_HALVES, _FEWEST, _MOST = 1.4, 2.0, 6.0
+"""That distance in half widths of the lane, and its least and most in diagonals of the machine."""
+_SET_OFF_M = 0.02
+"""A machine that is so far from where it began has set off."""
 _LOOK_FROM_BACK, _LOOK_M = 0.28, 0.8
 """The camera looks at a point of the machine's middle line, nearer its back, where its tools work, and at this height
 (times the scale of the scene), from as many diagonals of the machine away."""
@@ -69,6 +76,19 @@ def draw_machine(run: Run, sheet: Sheet) -> None:
     sheet.static(entities.FOCUS, rr.Points3D.from_fields(radii=0.01, colors=[(0, 0, 0)]))
     sheet.follow = entities.FOCUS
     sheet.eye = _seen_from_behind(run, position[0], quaternion[0])
+    sheet.begin_ns = sets_off_ns(truth.t_ns, position)
+
+
+def sets_off_ns(t_ns: IntArray, position: FloatArray) -> int:
+    """When plots begin that are to show what happens: 0, or shortly before a machine sets off that stood for long.
+
+    For a drive that follows a stand of more than half of the run, a tenth of the drive before it.
+    """
+    away = np.flatnonzero(np.linalg.norm(position - position[0], axis=1) > _SET_OFF_M)
+    if not len(away):
+        return 0
+    off, end = int(t_ns[away[0]]), int(t_ns[-1])
+    return max(0, off - (end - off) // 10) if 2 * off > end else 0
 
 
 def _draw_joint(sheet: Sheet, joint: rr.urdf.UrdfJoint, t_ns: IntArray, value: FloatArray) -> None:
@@ -117,6 +137,12 @@ def _seen_from_behind(run: Run, position: FloatArray, quaternion: FloatArray) ->
     x, y, z, w = quaternion
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     level = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    if len(run.scene.trunks):
+        ahead = (run.scene.trunks[:, :2] - position[:2]) @ level[:2, :2]
+        half = float(np.median(np.abs(ahead[:, 1])))
+        size = run.scene.machine_size_m
+        distance = min(max(_LANE_HALVES * half, _FEWEST * size), _MOST * size)
+        return position + level @ (distance * _EYE_IN_LANE), position + level @ (distance * _LOOK_IN_LANE)
     target = position + level @ look
-    distance = _EYE_DIAGONALS * run.scene.machine_size_m * (_AMONG_TREES if len(run.scene.trunks) else 1.0)
+    distance = _EYE_DIAGONALS * run.scene.machine_size_m * (_BESIDE_MAGNETS if run.scene.magnetic.count else 1.0)
     return target + level @ (distance * _EYE), target

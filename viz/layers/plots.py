@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import rerun as rr
@@ -16,6 +16,7 @@ from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import thin
 
 PLOT_HZ = 25.0
+_COARSE_RAD_S = 0.2
 _DEGREES = math.degrees(1.0)
 _EAST, _NORTH = POSITION[:2]
 
@@ -36,13 +37,28 @@ def draw_row_speed_plots(run: Run, sheet: Sheet) -> None:
 
 
 def draw_motion_plots(run: Run, sheet: Sheet) -> None:
-    """Plot yaw rate, and errors of position and heading."""
-    _draw_values(run, sheet, YAW_RATE, panel="yaw_rate", scale=_DEGREES)
-    sheet.panel(PanelKind.PLOT, entities.plot("yaw_rate"), "Yaw rate [deg/s]")
+    """Plot yaw rate (but not of a machine in a lane, which has plots enough), and errors of position and heading."""
+    if not run.keeps_lane:
+        counted = [name for name, stream in _estimates(run) if is_counted(run, stream)]
+        _draw_values(run, sheet, YAW_RATE, panel="yaw_rate", scale=_DEGREES, without=counted)
+        title = "Yaw rate, counted ones left out [deg/s]" if counted else "Yaw rate [deg/s]"
+        sheet.panel(PanelKind.PLOT, entities.plot("yaw_rate"), title)
     _draw_errors(run, sheet, HEADING, panel="heading_error", scale=_DEGREES)
     sheet.panel(PanelKind.PLOT, entities.plot("heading_error"), "Heading error, with claimed ±1σ [deg]")
     _draw_position_errors(run, sheet)
     sheet.panel(PanelKind.PLOT, entities.plot("position_error"), "Horizontal position error, with claimed σ [m]")
+
+
+def is_counted(run: Run, stream: Stream) -> bool:
+    """Tell whether an estimator's yaw rate is too coarse to be drawn, such as one of slots counted in a short step.
+
+    It is where its error is larger than what there is to be seen, and too large for any gyroscope.
+    """
+    error = errors(run, stream, YAW_RATE)
+    if error is None or run.truth is None or not np.isfinite(error).any():
+        return False
+    size = float(np.sqrt(np.nanmean(error**2)))
+    return size > _COARSE_RAD_S and size > float(np.sqrt(np.nanmean(run.column(run.truth, YAW_RATE) ** 2)))
 
 
 def true_values(run: Run, column: str, t_ns: IntArray) -> FloatArray | None:
@@ -114,8 +130,10 @@ def _draw_line(
     _send(sheet, entities.plot(panel, series), stream.t_ns[keep], values, name=name, colour=colour, width=width)
 
 
-def _draw_values(run: Run, sheet: Sheet, column: str, *, panel: str, scale: float = 1.0) -> None:
-    """Draw one column of the truth and of every estimator that has it."""
+def _draw_values(
+    run: Run, sheet: Sheet, column: str, *, panel: str, scale: float = 1.0, without: Sequence[str] = ()
+) -> None:
+    """Draw one column of the truth and of every estimator that has it and is not left out."""
     if run.truth is not None:
         _draw_line(
             run,
@@ -129,8 +147,9 @@ def _draw_values(run: Run, sheet: Sheet, column: str, *, panel: str, scale: floa
             width=2.0,
         )
     for name, stream in _estimates(run):
-        colour = run.colours[name]
-        _draw_line(run, sheet, stream, column, panel=panel, series=name, colour=colour, scale=scale, width=1.5)
+        if name not in without:
+            colour = run.colours[name]
+            _draw_line(run, sheet, stream, column, panel=panel, series=name, colour=colour, scale=scale, width=1.5)
 
 
 def _draw_errors(run: Run, sheet: Sheet, column: str, *, panel: str, scale: float = 1.0) -> None:

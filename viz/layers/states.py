@@ -8,10 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 import rerun as rr
 
+from twin.estimators.magnetic_disturbance import CLEAN, DISTURBED, LEARNING, RECOVERING
 from twin.recording import Stream
 from twin.signals import YAW_RATE, FloatArray, IntArray
 from viz import entities
 from viz.legible import legible
+from viz.magnetic import FELT_SHARE
 from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import changes
 
@@ -24,6 +26,20 @@ FRESH_S = 4.0
 Styles = Mapping[float, tuple[str, entities.Colour]]
 """Label and colour of each value."""
 
+MAGNETIC_STATE = "magnetic_state"
+_LANE_OF = {MAGNETIC_STATE: "magnetometer", "slipping": "wheels", "resting": "rest"}
+_DIAGNOSTICS: Mapping[str, Styles] = {
+    MAGNETIC_STATE: {
+        float(LEARNING): ("learning", entities.LEARNING_COLOUR),
+        float(CLEAN): ("trusted", entities.TRUSTED_COLOUR),
+        float(DISTURBED): ("disturbed", entities.FAULT_COLOUR),
+        float(RECOVERING): ("recovering", entities.RECOVERING_COLOUR),
+    },
+    "slipping": {0.0: ("rolling", entities.TRUSTED_COLOUR), 1.0: ("slipping", entities.FAULT_COLOUR)},
+    "resting": {0.0: ("moving", entities.CALM_COLOUR), 1.0: ("resting", entities.LEARNING_COLOUR)},
+}
+"""Columns of :class:`twin.estimators.heading_filter.HeadingFilter` in words."""
+
 _FAULT = re.compile(r"fault (\w+) (begins|ends)")
 _NO_FAULT = "no fault"
 _UNKNOWN: tuple[str, entities.Colour] = ("unknown", (90, 90, 90))
@@ -32,12 +48,15 @@ _UNKNOWN: tuple[str, entities.Colour] = ("unknown", (90, 90, 90))
 def draw_states(run: Run, sheet: Sheet) -> None:
     """Draw every lane that the streams hold."""
     _draw_segments(run, sheet)
-    if run.truth is not None and run.truth.has(YAW_RATE):
+    _draw_field(run, sheet)
+    # Whether a machine in a lane turns is told by its driver's state.
+    if run.truth is not None and run.truth.has(YAW_RATE) and not run.keeps_lane:
         turning = np.abs(run.column(run.truth, YAW_RATE)) > TURNING_RAD_S
         styles = {0.0: ("straight", entities.CALM_COLOUR), 1.0: ("turning", entities.TURN_COLOUR)}
         _draw_lane(sheet, "turning", run.truth.t_ns, turning.astype(float), styles)
     for name in run.estimators:
         stream = run.recording.estimates(name)
+        _draw_heading_filter(run, sheet, name, stream)
         if stream.has("standstill"):
             standing = (run.column(stream, "standstill") > 0.5).astype(float)
             styles = {0.0: ("moving", entities.CALM_COLOUR), 1.0: ("standstill", run.colours[name])}
@@ -52,6 +71,30 @@ def draw_states(run: Run, sheet: Sheet) -> None:
             _draw_corrections(run, sheet, sensor, stream)
     _draw_faults(run, sheet)
     sheet.panel(PanelKind.LANES, entities.STATE, "States")
+
+
+def _draw_heading_filter(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
+    """Draw what our heading filter makes of magnetometer, wheels and rest (its diagnostics); others have none."""
+    for column, styles in _DIAGNOSTICS.items():
+        found = run.columns(stream, column)
+        # Where nothing was heard there is nothing to tell: a filter without magnetometer learns for ever.
+        if found is not None and not (column == MAGNETIC_STATE and (found == LEARNING).all()):
+            _draw_lane(sheet, f"{name}_{_LANE_OF[column]}", stream.t_ns, np.round(found[:, 0]), styles)
+
+
+def _draw_field(run: Run, sheet: Sheet) -> None:
+    """Draw whether magnets and iron truly push the field at the machine, for comparison with what a filter believes."""
+    truth = run.truth
+    place = None if truth is None else run.columns(truth, "base_e_m", "base_n_m", "base_u_m")
+    if truth is None or place is None or not run.scene.magnetic.count:
+        return
+    pushed = run.scene.magnetic.disturbance_ut(place, truth.t_ns)
+    felt = (pushed > FELT_SHARE * run.scene.magnetic.earth_ut).astype(float)
+    styles = {
+        0.0: ("the earth's", entities.CALM_COLOUR),
+        1.0: (f"magnets: {100.0 * FELT_SHARE:.0f} % or more", entities.FAULT_COLOUR),
+    }
+    _draw_lane(sheet, "magnetic_field", truth.t_ns, felt, styles)
 
 
 def _draw_corrections(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> None:
@@ -93,7 +136,9 @@ def _draw_segments(run: Run, sheet: Sheet) -> None:
     segment = run.column(truth, "segment")
     labels = segment_labels(run, truth.t_ns, segment)
     styles = {value: (label, entities.segment_colour(label)) for value, label in labels.items()}
-    _draw_lane(sheet, "segment", truth.t_ns, segment, styles)
+    # The segment of a driver that keeps to a lane is its state.
+    lane = "driver" if run.keeps_lane else "segment"
+    _draw_lane(sheet, lane, truth.t_ns, segment, styles)
 
 
 def segment_labels(run: Run, t_ns: IntArray, segment: FloatArray) -> dict[float, str]:

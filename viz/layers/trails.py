@@ -1,4 +1,4 @@
-"""Trails: where row units truly went."""
+"""Trails: where row units, or the machine, truly went."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from twin.recording import Stream
-from twin.signals import row_position
+from twin.signals import POSITION, row_position
 from viz import entities
 from viz.sheet import Run, Sheet
 from viz.thinning import spaced, thin
@@ -43,16 +43,17 @@ def draw_trail(
 
 
 def draw_row_trails(run: Run, sheet: Sheet) -> None:
-    """Draw where the outer row units truly went."""
+    """Draw where the outer row units truly went, or the reference point of a machine that has none."""
     if run.truth is None:
         return
-    for row in run.scene.outer_rows:
+    trails = {entities.true_trail(row): row_position(row) for row in run.scene.outer_rows}
+    for entity, columns in (trails or {entities.true_trail(): (POSITION[0], POSITION[1])}).items():
         draw_trail(
             run,
             sheet,
-            entity=entities.true_trail(row),
+            entity=entity,
             stream=run.truth,
-            columns=row_position(row),
+            columns=columns,
             colour=entities.TRUTH_COLOUR,
             width=1.5,
         )
