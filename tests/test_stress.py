@@ -8,13 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.cli.command import twin, write_scenario
-from twin import stress
 from twin.errors import BadInputError
 from twin.execution import execute
 from twin.scenario import load
 from twin.scoring import score
-from twin.stress import TaskResult, make_plan, parse_vary, run_task, run_tasks
-from twin.stressparts import Parts
+from twin.stress import Parts, TaskResult, make_plan, parse_vary, run_task, run_tasks, tasks
 
 CHECK = {"metric": "central.row_speed.mean_abs_error_m_s", "max": 0.5, "percentile": 90.0}
 
@@ -51,7 +49,7 @@ def test_members_score_as_the_single_runs_do(scenario_file: Path) -> None:
 def test_blocks_do_not_change_the_numbers(scenario_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = make_plan(scenario_file, runs=5, worlds=1, settings=[], vary=[], seed=None)
     whole = run_task(plan, 0, 0)
-    monkeypatch.setattr(stress, "BLOCK", 2)
+    monkeypatch.setattr(tasks, "BLOCK", 2)
     pieces = run_task(plan, 0, 0)
     for name, values in whole.metrics.items():
         np.testing.assert_allclose(values, pieces.metrics[name], rtol=1e-9, atol=1e-9, err_msg=name)

@@ -15,7 +15,17 @@ from twin.errors import BadInputError
 from twin.estimators import build_estimator
 from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream, sigma_column
 from twin.scenario import Scenario
-from twin.signals import NS_PER_S, Estimate, Estimator, EstimatorSetup, FloatArray, Measurement, SensorInfo, Smoother
+from twin.signals import (
+    NS_PER_S,
+    Estimate,
+    Estimator,
+    EstimatorSetup,
+    FloatArray,
+    Measurement,
+    Said,
+    SensorInfo,
+    Smoother,
+)
 
 EstimatorFactory = Callable[[EstimatorSetup], Estimator]
 
@@ -57,6 +67,7 @@ class EstimatorBank:
             name: np.triu_indices(len(listener.estimator.state_columns)) for name, listener in self._listeners.items()
         }
 
+        self._latest: dict[str, Estimate] = {}
         self._later = {
             name: listener.estimator
             for name, listener in self._listeners.items()
@@ -77,11 +88,21 @@ class EstimatorBank:
             for name, due in self._due.items():
                 if due == now:
                     listener = self._listeners[name]
-                    estimate = listener.estimator.estimate(now)
+                    estimate = self._latest[name] = listener.estimator.estimate(now)
                     if name not in self._later:
                         self._writers[name].append(now, *self._parts(name, estimate))
                     self._due[name] = now + listener.period_ns
             self._next_due = min(self._due.values())
+
+    def said(self, name: str) -> Said | None:
+        """Latest estimate of one estimator in the first run; None before its first."""
+        estimate = self._latest.get(name)
+        if estimate is None:
+            return None
+        columns = self._listeners[name].estimator.columns
+        values = dict(zip(columns, estimate.values[0].tolist(), strict=True))
+        sigmas = zip(map(sigma_column, columns), estimate.sigmas[0].tolist(), strict=True)
+        return Said(t_ns=estimate.t_ns, values=values | dict(sigmas))
 
     def finish(self) -> None:
         """The run has ended: smoothers say what they know in hindsight."""

@@ -6,20 +6,34 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
-from twin.control.driver import CONTROL_HZ, Driver
+from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver
 from twin.errors import BadInputError, WorldEndedError
 from twin.estimation import EstimatorFactory
+from twin.geometry import wrap_angle_scalar
 from twin.members import Members, SideBySide
 from twin.recording import TRUTH, Recording, Stream, StreamWriter
 from twin.scenario import LoadedScenario, Scenario
 from twin.scoring.checks import require_known
 from twin.scoring.metrics import metric_names
 from twin.scoring.planting import seed_streams
-from twin.signals import NS_PER_S, Capture, Event, Need, nanoseconds
+from twin.signals import (
+    CLEARANCE,
+    COLLISION,
+    LANE_HEADING,
+    LANE_OFFSET,
+    NS_PER_S,
+    Capture,
+    Event,
+    FloatArray,
+    Knowledge,
+    Need,
+    Said,
+    nanoseconds,
+)
 from twin.world.simulation import World, build_world
 from twin.world.terrain import AnyTerrain, FileTerrain
 
@@ -49,6 +63,16 @@ class Observer(Protocol):
         """All samples up to and including ``t_ns`` have been taken."""
 
 
+class Confidant(Observer, Protocol):
+    """An observer that a driver can ask."""
+
+    def said(self, estimator: str) -> Said | None:
+        """Latest estimate of one estimator."""
+
+    def measured(self, sensor: str, t_ns: int) -> Said | None:
+        """Latest sample of one sensor that had arrived by ``t_ns``."""
+
+
 def execute(
     loaded: LoadedScenario,
     *,
@@ -60,8 +84,13 @@ def execute(
     """Run a scenario: one world, the noise of every run index in ``runs`` side by side.
 
     Raises:
-        BadInputError: something in the scenario cannot be built, or a check names a metric that will not exist.
+        BadInputError: something in the scenario cannot be built, or a check names a metric that will not exist, or
+            several runs are wanted of a scenario whose driver listens to estimators or sensors.
     """
+    if len(runs) > 1 and loaded.scenario.driver.listens.closes_loop:
+        raise BadInputError(
+            f"{loaded.path}: the driver listens to its sensors, so that every run drives its own way: one run at a time"
+        )
     return _execute(loaded, groups=[runs], full_rate=full_rate, plugins=plugins, progress=progress)[0]
 
 
@@ -83,7 +112,9 @@ def execute_each(
         BadInputError: as :func:`execute`.
     """
     groups = [(run,) for run in runs]
-    return _execute(loaded, groups=groups, full_rate=full_rate, plugins=plugins, progress=progress)
+    shared = [groups] if not loaded.scenario.driver.listens.closes_loop else [[group] for group in groups]
+    options: dict[str, Any] = {"full_rate": full_rate, "plugins": plugins, "progress": progress}
+    return [recording for each in shared for recording in _execute(loaded, groups=each, **options)]
 
 
 def _execute(
@@ -98,9 +129,9 @@ def _execute(
     started = time.perf_counter()
     everybody = SideBySide([open_members(loaded, runs=runs, plugins=plugins) for runs in groups])
     with open_world(loaded) as world:
-        names = metric_names(scenario, world.truth_columns, everybody.groups[0].estimate_columns)
-        require_known(scenario, names, where=str(loaded.path))
         journey = Journey(scenario, world, everybody, full_rate=full_rate)
+        names = metric_names(scenario, journey.truth_columns, everybody.groups[0].estimate_columns)
+        require_known(scenario, names, where=str(loaded.path))
         reason = journey.go(progress)
         for members in everybody.groups:
             members.finish()
@@ -189,7 +220,7 @@ def _beside(terrain: AnyTerrain, scenario_file: Path) -> AnyTerrain:
 
 def _driver(scenario: Scenario) -> Driver:
     machine = scenario.machine
-    return Driver(
+    return build_driver(
         scenario.driver,
         start_e_n_heading=machine.vehicle_start,
         wheelbase_m=machine.wheelbase_m,
@@ -200,7 +231,9 @@ def _driver(scenario: Scenario) -> Driver:
 class Journey:
     """The loop over time: the driver commands, the world moves, the observer is shown what it asked for."""
 
-    def __init__(self, scenario: Scenario, world: World, observer: Observer, *, full_rate: bool = False) -> None:
+    def __init__(
+        self, scenario: Scenario, world: World, observer: Observer | Confidant, *, full_rate: bool = False
+    ) -> None:
         self.events: list[Event] = []
         self.world_s = 0.0
         """Wall time spent in the world's own loop."""
@@ -210,7 +243,11 @@ class Journey:
         self._ticks = nanoseconds(scenario.duration_s) // world.dt_ns
         self._truth_every = 1 if full_rate else _period_ticks(scenario.recording.truth_hz, world.dt_ns)
         self._control_every = _period_ticks(CONTROL_HZ, world.dt_ns)
-        self._truth = StreamWriter((*world.truth_columns, "segment"), 1)
+        self._listens = scenario.driver.listens
+        self._keeps_lane = isinstance(scenario.driver, LaneDriverConfig)
+        columns = (*world.truth_columns, "segment", *((LANE_OFFSET, LANE_HEADING) if self._keeps_lane else ()))
+        self._clearance_at = columns.index(CLEARANCE) if CLEARANCE in columns else None
+        self._truth = StreamWriter(columns, 1)
         self._last_segment = -1
         for name, need in observer.needs.items():
             world.watch(name, need)
@@ -224,12 +261,16 @@ class Journey:
             t_ns = tick * world.dt_ns
             for name in observer.due(tick):
                 observer.observe(name, world.capture(name))
+            collided = False
             if tick == next_truth:
-                self._truth.append(t_ns, world.truth()[np.newaxis, :], np.array([[float(self._driver.segment)]]))
+                collided = self._note_truth(t_ns)
                 next_truth += self._truth_every
             observer.advance(t_ns)
+            if collided:
+                return COLLISION
             if tick == next_control:
-                world.command(self._driver.command(world.vehicle(), self._control_every * world.dt_ns / NS_PER_S))
+                knowledge = self._knowledge(t_ns)
+                world.command(self._driver.command(knowledge, self._control_every * world.dt_ns / NS_PER_S))
                 self._note_segment(t_ns)
                 next_control += self._control_every
             if progress is not None and t_ns >= next_progress_ns:
@@ -240,6 +281,37 @@ class Journey:
             reason = self._move(min(self._ticks, next_truth, next_control, observer.next_tick()))
             if reason is not None:
                 return reason
+
+    def _note_truth(self, t_ns: int) -> bool:
+        """Write down what is true now; tell whether the machine touches a tree."""
+        row = self._world.truth()
+        beside: FloatArray = np.array([float(self._driver.segment), *(self._in_lane() if self._keeps_lane else ())])
+        self._truth.append(t_ns, row[np.newaxis, :], beside[np.newaxis, :])
+        if self._clearance_at is None or row[self._clearance_at] > 0.0:
+            return False
+        self.events.append(Event(t_ns=t_ns, source="world", level="error", text="the machine touched a tree"))
+        return True
+
+    def _in_lane(self) -> tuple[float, float]:
+        """Offset (m) and heading (rad) against the planned axis."""
+        vehicle = self._world.vehicle()
+        station_m, offset_m = self._driver.path.project(vehicle.east_m, vehicle.north_m)
+        axis_rad = self._driver.path.pose(station_m).heading_rad
+        return offset_m, wrap_angle_scalar(vehicle.heading_rad - axis_rad)
+
+    def _knowledge(self, t_ns: int) -> Knowledge:
+        """What the driver goes by now."""
+        if not self._listens.closes_loop:
+            return Knowledge(t_ns=t_ns, vehicle=self._world.vehicle())
+        confidant = cast("Confidant", self._observer)
+        said = {name: confidant.said(name) for name in self._listens.estimators}
+        measured = {name: confidant.measured(name, t_ns) for name in self._listens.sensors}
+        return Knowledge(
+            t_ns=t_ns,
+            vehicle=None if self._listens.estimators else self._world.vehicle(),
+            said={name: each for name, each in said.items() if each is not None},
+            measured={name: each for name, each in measured.items() if each is not None},
+        )
 
     def _move(self, to_tick: int) -> str | None:
         entered = time.perf_counter()
@@ -258,6 +330,11 @@ class Journey:
             self._last_segment = self._driver.segment
             name = self._driver.segment_names[self._driver.segment]
             self.events.append(Event(t_ns=t_ns, source="driver", level="info", text=name))
+
+    @property
+    def truth_columns(self) -> tuple[str, ...]:
+        """Columns of the truth."""
+        return self._truth.columns
 
     def truth_stream(self) -> Stream:
         """What really happened until now (R = 1)."""

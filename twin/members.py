@@ -9,7 +9,7 @@ from twin.estimation import EstimatorFactory, build_bank
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
 from twin.sensors import Sample, Sensor, build_sensor
-from twin.signals import Capture, Event, Need
+from twin.signals import Capture, Event, Measurement, Need, Said
 
 
 def build_sensors(scenario: Scenario, *, runs: Sequence[int]) -> dict[str, Sensor]:
@@ -73,8 +73,10 @@ class Members(SensorRack):
         kept = self.sensors if keep_measurements else {}
         self._measured = {name: StreamWriter(sensor.columns, len(runs)) for name, sensor in kept.items()}
         self._hidden = {name: StreamWriter(sensor.hidden_columns, len(runs)) for name, sensor in kept.items()}
+        self._inbox = Inbox(scenario.driver.listens.sensors)
         self.events: list[Event] = []
         """Faults that began or ended."""
+        require_columns(scenario, self._bank.columns, {name: sensor.columns for name, sensor in self.sensors.items()})
 
     @property
     def estimate_columns(self) -> dict[str, tuple[str, ...]]:
@@ -87,6 +89,7 @@ class Members(SensorRack):
         self.events += sample.events
         for measurement in sample.measurements:
             self._bank.deliver(measurement)
+            self._inbox.deliver(measurement)
         if sensor in self._hidden:
             self._keep(sensor, capture, sample)
 
@@ -104,6 +107,14 @@ class Members(SensorRack):
         """All samples up to and including ``t_ns`` have been taken: let the estimators speak."""
         self._bank.advance(t_ns)
 
+    def said(self, estimator: str) -> Said | None:
+        """Latest estimate of one estimator, in the first run."""
+        return self._bank.said(estimator)
+
+    def measured(self, sensor: str, t_ns: int) -> Said | None:
+        """Latest sample of one sensor that had arrived by ``t_ns``, in the first run."""
+        return self._inbox.latest(sensor, t_ns)
+
     def finish(self) -> None:
         """The run has ended: let those speak that know better in hindsight."""
         self._bank.finish()
@@ -119,6 +130,49 @@ class Members(SensorRack):
             **{hidden_stream(name): writer.finish() for name, writer in self._hidden.items()},
             **self._bank.streams(),
         }
+
+
+class Inbox:
+    """Samples of some sensors on their way to the driver."""
+
+    def __init__(self, sensors: Sequence[str]) -> None:
+        self._under_way: dict[str, list[Measurement]] = {name: [] for name in sensors}
+        self._latest: dict[str, Said] = {}
+
+    def deliver(self, measurement: Measurement) -> None:
+        """Put a measurement on its way, if the driver hears its sensor."""
+        waiting = self._under_way.get(measurement.sensor)
+        if waiting is not None and measurement.valid[0]:
+            waiting.append(measurement)
+
+    def latest(self, sensor: str, t_ns: int) -> Said | None:
+        """The sample taken last of those that had arrived by ``t_ns``."""
+        waiting = self._under_way[sensor]
+        for measurement in [each for each in waiting if each.t_available_ns <= t_ns]:
+            waiting.remove(measurement)
+            before = self._latest.get(sensor)
+            if before is None or measurement.t_ns >= before.t_ns:
+                values = dict(zip(measurement.columns, measurement.values[0].tolist(), strict=True))
+                self._latest[sensor] = Said(t_ns=measurement.t_ns, values=values)
+        return self._latest.get(sensor)
+
+
+def require_columns(
+    scenario: Scenario, estimates: Mapping[str, Sequence[str]], measurements: Mapping[str, Sequence[str]]
+) -> None:
+    """Refuse a driver whose estimators or sensors do not give what it needs.
+
+    Raises:
+        BadInputError: naming the column.
+    """
+    given = {**estimates, **measurements}
+    for name, columns in scenario.driver.needed_columns.items():
+        missing = [column for column in columns if column not in given[name]]
+        if missing:
+            raise BadInputError(
+                f"driver: {name!r} gives no {', '.join(missing)}, which a driver of kind {scenario.driver.kind!r}"
+                f" needs; it gives {', '.join(given[name])}"
+            )
 
 
 class SideBySide:
@@ -152,6 +206,19 @@ class SideBySide:
         """All samples up to and including ``t_ns`` have been taken."""
         for group in self.groups:
             group.advance(t_ns)
+
+    def said(self, estimator: str) -> Said | None:
+        """Latest estimate of one estimator: whom a driver listens to is alone with it."""
+        return self._only.said(estimator)
+
+    def measured(self, sensor: str, t_ns: int) -> Said | None:
+        """Latest sample of one sensor that had arrived by ``t_ns``."""
+        return self._only.measured(sensor, t_ns)
+
+    @property
+    def _only(self) -> Members:
+        (group,) = self.groups
+        return group
 
 
 class Tape(SensorRack):

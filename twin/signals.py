@@ -42,8 +42,17 @@ VELOCITY = ("velocity_e_m_s", "velocity_n_m_s", "velocity_u_m_s")
 HEADING = "heading_rad"
 SPEED = "speed_m_s"
 YAW_RATE = "yaw_rate_rad_s"
+LANE_OFFSET = "lane_offset_m"
+"""Of the point that a driver steers by, from the axis of its lane; positive to the left."""
+LANE_HEADING = "lane_heading_rad"
+"""Of the machine against the axis of its lane; positive to the left."""
+CLEARANCE = "clearance_m"
+"""From the machine's outline to the nearest trunk; zero or less where they touch."""
 
-_WRAPPING = frozenset({HEADING, "course_rad", "roll_rad", "pitch_rad"})
+COLLISION = "collision"
+"""Why a run ended in which the machine touched a tree."""
+
+_WRAPPING = frozenset({HEADING, LANE_HEADING, "course_rad", "roll_rad", "pitch_rad"})
 
 
 def row_speed(row: int) -> str:
@@ -340,6 +349,49 @@ class VehicleState:
     heading_rad: float
     speed_m_s: float
     steering_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listening:
+    """Whom a driver listens to; whoever listens to anybody closes a loop, and the world differs from run to run."""
+
+    estimators: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+
+    @property
+    def closes_loop(self) -> bool:
+        """Whether what the machine does depends on what was measured."""
+        return bool(self.estimators or self.sensors)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """What an estimator or a sensor said last, in one run."""
+
+    t_ns: int
+    """When it was true."""
+    values: Mapping[str, float]
+    """By column; of an estimate also ``<column>.sigma``. NaN where it gave none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Knowledge:
+    """What a driver goes by at one moment."""
+
+    t_ns: int
+    vehicle: VehicleState | None = None
+    """What is to be seen from the seat, which is the truth; None for a driver who does not follow it."""
+    said: Mapping[str, Said] = field(default_factory=dict)
+    """Latest estimate by estimator, of those that have spoken."""
+    measured: Mapping[str, Said] = field(default_factory=dict)
+    """Latest sample by sensor, of those from which one has arrived."""
+
+    @property
+    def seen_from_the_seat(self) -> VehicleState:
+        """The vehicle as a driver sees it who follows the truth."""
+        if self.vehicle is None:
+            raise ValueError("nobody sits in this machine")
+        return self.vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

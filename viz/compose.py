@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.control.driver import Driver
+from twin.control import build_driver
 from twin.recording import Recording
 from twin.scenario import Scenario, loads
 from twin.signals import FloatArray
@@ -31,7 +31,7 @@ def scene_of(recording: Recording) -> Scene:
     """
     scenario = loads(recording.scenario_toml, where=f"{recording.scenario_name}/scenario.toml")
     machine, drawn = scenario.machine, scenario.recording.drawn
-    driver = Driver(
+    driver = build_driver(
         scenario.driver,
         start_e_n_heading=machine.vehicle_start,
         wheelbase_m=machine.wheelbase_m,

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from twin.errors import TwinError
 from twin.scoring.ensemble import QUANTILES, quantiles
 from twin.signals import NS_PER_S
-from twin.stressresult import Point, StressResult, headline_metrics
+from twin.stress import Point, StressResult, headline_metrics
 from viz import entities
 
 _TITLES = {

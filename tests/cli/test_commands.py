@@ -19,8 +19,7 @@ import pytest
 
 from tests.cli.command import ROOT, command_line, environment, twin, write_scenario
 from tests.small_scenario import SMALL
-from twin.stress import make_plan, run_task
-from twin.stressparts import Parts
+from twin.stress import Parts, make_plan, run_task
 
 SPEED_ERROR = "central.row_speed.mean_abs_error_m_s"
 HOLDS = {"metric": SPEED_ERROR, "max": 10.0}

@@ -254,7 +254,7 @@ def test_vertical_motion_does_not_depend_on_the_grid(length_m: float) -> None:
         heights = np.tile(0.01 * np.sin(2.0 * math.pi / length_m * x), (round(12.0 / cell_m) + 1, 1))
         config = PlanterF8Config(kind="planter_f8")
         ground = Terrain(np.ascontiguousarray(heights), -15.0, -6.0, cell_m)
-        with World(terrain=ground, soil=SoilConfig().soil(), machine=config.model(), seed=1) as world:
+        with World(terrain=ground, soil=SoilConfig().soil(), machine=config.model(1), seed=1) as world:
             drive(world, 2.0, seconds=6.0)
             return float(np.std(record(world, 3 * PER_S, 1, ("velocity_u_m_s",))))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.world.conftest import WorldMaker, column
-from twin.control.driver import planned_path
+from twin.control.path_following import planned_path
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.paths import SCENARIOS
 from twin.scenario import load

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from twin.errors import BadInputError
 from twin.scoring import Repetitions
+from twin.scoring.verdict import ending
 
 if TYPE_CHECKING:
     from twin.cli.running import Crash
@@ -42,8 +43,10 @@ def _suite(found: Repetitions) -> ET.Element:
         if first.drifted:
             ET.SubElement(case, "failure", message="baseline drifted").text = "\n".join(first.drifted)
     case = _case(suite, found.scenario_name, "ran to its end")
-    if first.ended_reason != "duration":
-        ET.SubElement(case, "error", message=f"{first.ended_reason} at {first.ended_t_s:.2f} s")
+    ended = ending(first.ended_reason, first.scenario)
+    if ended != "pass":
+        tag = "error" if ended == "error" else "failure"
+        ET.SubElement(case, tag, message=f"{first.ended_reason} at {first.ended_t_s:.2f} s")
     return _counted(suite)
 
 

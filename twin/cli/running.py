@@ -22,6 +22,7 @@ from twin.runfolder import folder_of, replacing, require_writable, write_result
 from twin.scenario import LoadedScenario
 from twin.scoring import Repetitions, Verdict, baselines, score, traces
 from twin.scoring.baselines import Baseline
+from twin.scoring.verdict import ending
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,7 +170,7 @@ def _compare_baseline(loaded: LoadedScenario, options: RunOptions, recording: Re
     path, trace_path = baselines.baseline_path(loaded.path), traces.trace_path(loaded.path)
     known, known_trace = baselines.read(path), traces.read(trace_path)
     said = traces.trace(recording) if known_trace or loaded.scenario.recording.baseline_trace else {}
-    if options.update_baselines and verdict.ended_reason == "duration":
+    if options.update_baselines and ending(verdict.ended_reason, verdict.scenario) == "pass":
         known, known_trace = _update(path, known, verdict.metrics), _update_trace(trace_path, known_trace, said)
     if known:
         verdict.baseline_compared = True

@@ -20,9 +20,17 @@ from twin.runfolder import replacing, require_writable, write_result
 from twin.scenario import LoadedScenario
 from twin.scoring.ensemble import quantiles
 from twin.signals import FloatArray
-from twin.stress import Plan, make_plan, run_tasks
-from twin.stressparts import Parts
-from twin.stressresult import Point, StressResult, headline_metrics, merge_results, write_files
+from twin.stress import (
+    Parts,
+    Plan,
+    Point,
+    StressResult,
+    headline_metrics,
+    make_plan,
+    merge_results,
+    run_tasks,
+    write_files,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

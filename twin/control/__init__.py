@@ -1,1 +1,78 @@
-"""Control: from what is known of the machine to what is asked of it."""
+"""Control: from what is known of the machine to what is asked of it.
+
+``DriverConfigUnion`` is the union of every kind of driver's configuration, :func:`build_driver` makes the driver of
+one.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Protocol
+
+from pydantic import Discriminator, Tag
+
+from twin.control.heading_hold import HeadingHold, HeadingHoldConfig
+from twin.control.lane_keeping import LaneDriverConfig
+from twin.control.path_following import PathDriver, PathDriverConfig
+from twin.geometry import Path
+from twin.signals import Command, Knowledge
+
+__all__ = [
+    "CONTROL_HZ",
+    "AnyDriverConfig",
+    "Driver",
+    "DriverConfigUnion",
+    "HeadingHoldConfig",
+    "LaneDriverConfig",
+    "PathDriverConfig",
+    "build_driver",
+]
+
+CONTROL_HZ = 50.0
+"""How often a driver is asked."""
+
+
+class Driver(Protocol):
+    """Whoever commands the machine, asked at :data:`CONTROL_HZ`."""
+
+    path: Path
+    """What is planned, for the middle of the axle that does not steer."""
+    segment: int
+    """What the driver is at: place in ``segment_names``."""
+
+    @property
+    def segment_names(self) -> tuple[str, ...]:
+        """Pieces of the path, or states of the driver."""
+
+    def command(self, knowledge: Knowledge, interval_s: float) -> Command:
+        """Return what the driver asks of the machine now; called every ``interval_s``."""
+
+
+AnyDriverConfig = PathDriverConfig | HeadingHoldConfig
+
+
+def _kind(value: Any) -> Any:
+    """Kind of a driver's section; one that names none follows a path."""
+    return value.get("kind", "path") if isinstance(value, dict) else getattr(value, "kind", None)
+
+
+DriverConfigUnion = Annotated[
+    Annotated[PathDriverConfig, Tag("path")] | Annotated[HeadingHoldConfig, Tag("heading_hold")], Discriminator(_kind)
+]
+
+
+def build_driver(
+    config: AnyDriverConfig, *, start_e_n_heading: tuple[float, float, float], wheelbase_m: float, seed: int
+) -> Driver:
+    """Make the driver a configuration describes.
+
+    Args:
+        config: of the driver.
+        start_e_n_heading: where the middle of the axle that does not steer stands at the beginning, m and rad.
+        wheelbase_m: of the machine; zero where nothing steers.
+        seed: of the world, which decides how a driver wanders.
+    """
+    match config:
+        case PathDriverConfig():
+            return PathDriver(config, start_e_n_heading=start_e_n_heading, wheelbase_m=wheelbase_m, seed=seed)
+        case HeadingHoldConfig():
+            return HeadingHold(config, start_e_n_heading=start_e_n_heading)

@@ -10,7 +10,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 
 from twin import paths
 from twin.config import Config, Names, NonNegative, Positive, Probability
-from twin.control.driver import DriverConfig
+from twin.control import DriverConfigUnion, PathDriverConfig
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
@@ -144,7 +144,7 @@ class Scenario(Config):
     magnetics: MagneticsConfig = MagneticsConfig()
     """The earth's magnetic field, and magnets and iron in the field."""
     machine: MachineConfig
-    driver: DriverConfig
+    driver: DriverConfigUnion
     sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
@@ -188,13 +188,29 @@ class Scenario(Config):
         return self
 
     @model_validator(mode="after")
+    def _driver_hears(self) -> Self:
+        listens = self.driver.listens
+        for name in listens.estimators:
+            if name not in self.estimators:
+                raise ValueError(f"driver: {unknown(name, self.estimators, 'estimator')}")
+        for name in listens.sensors:
+            if name not in self.sensors:
+                raise ValueError(f"driver.camera: {unknown(name, self.sensors, 'sensor')}")
+        return self
+
+    @model_validator(mode="after")
     def _machine_can(self) -> Self:
         wants_rows = {"seeding": self.seeding, "scoring.causal_bound_of": self.scoring.causal_bound_of}
         for key, value in wants_rows.items():
             if value is not None and not self.machine.rows_y_m:
                 raise ValueError(f"{key}: machine {self.machine.kind} has no rows")
+        if self.scoring.smallest_ramp_m_s is not None and not isinstance(self.driver, PathDriverConfig):
+            raise ValueError("scoring.smallest_ramp_m_s: only the speed of a driver of kind 'path' is known beforehand")
         if self.machine.turns_on_the_spot:
             return self
+        if not isinstance(self.driver, PathDriverConfig):
+            kind = self.driver.kind
+            raise ValueError(f"driver.kind: {kind!r} turns on the spot, which a {self.machine.kind} cannot")  # noqa: TRY004
         for segment in self.driver.path:
             if segment.spin_deg is not None:
                 raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.recording import Stream
 from twin.scenario import Scenario
+from twin.scoring import lane
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import row_numbers
 from twin.scoring.phases import phases
@@ -19,9 +20,8 @@ _MOVING_M_S = 0.1
 
 def motion_names(scenario: Scenario, columns: Sequence[str]) -> list[str]:
     """Names of :func:`motion_metrics` of a run with these truth columns."""
-    return [f"truth.{name}" for name in _motion_names(columns)] + [
-        f"bound.{name}" for name in _bound_names(scenario, columns)
-    ]
+    bounds = [f"bound.{name}" for name in _bound_names(scenario, columns)]
+    return [*(f"truth.{name}" for name in _motion_names(columns)), *lane.names(columns), *bounds]
 
 
 def _motion_names(columns: Sequence[str]) -> list[str]:
@@ -48,7 +48,7 @@ def motion_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
         extra = np.abs(truth.column(row_speed(row))[turning] - truth.column(SPEED)[turning])
         values.append(extra.mean(axis=0) if len(turning) else np.full(1, math.nan))
     found = {f"truth.{name}": value for name, value in zip(_motion_names(truth.columns), values, strict=True)}
-    return found | _bounds(truth, scenario)
+    return found | lane.metrics(truth, scenario) | _bounds(truth, scenario)
 
 
 # --- what a filter could know ----------------------------------------------------------------------------------------

@@ -11,6 +11,8 @@ from twin.recording import Recording
 from twin.scenario import Scenario, loads
 from twin.scoring import metrics as metrics_module
 from twin.scoring.checks import Outcome, judge
+from twin.scoring.lane import ON_COLLISION
+from twin.signals import COLLISION
 
 SCHEMA = 1
 _PACKAGES = ("agtwin", "numpy", "pybullet", "filterpy", "rerun-sdk")
@@ -35,9 +37,13 @@ class Verdict:
 
     @property
     def verdict(self) -> str:
-        """``pass``, ``fail`` (a check does not hold, or a baseline drifted) or ``error`` (the run ended early)."""
-        if self.ended_reason != "duration":
-            return "error"
+        """``pass``, ``fail`` (a check does not hold, or a baseline drifted) or ``error`` (the run ended early).
+
+        How a run may end is said by :func:`ending`.
+        """
+        ended = ending(self.ended_reason, self.scenario)
+        if ended != "pass":
+            return ended
         return "pass" if all(outcome.ok for outcome in self.checks) and not self.drifted else "fail"
 
     def as_json(self) -> dict[str, object]:
@@ -57,6 +63,19 @@ class Verdict:
             "timing": {name: _number(value) for name, value in self.timing.items()},
             "versions": versions(),
         }
+
+
+def ending(reason: str, scenario: Scenario) -> str:
+    """What the end of a run is worth by itself: ``pass``, ``fail`` or ``error``.
+
+    To run to the end of its time passes, to end early is an error. Touching a tree is what checks are for: where one
+    asks for it the checks decide, where none does it fails.
+    """
+    if reason == "duration":
+        return "pass"
+    if reason != COLLISION:
+        return "error"
+    return "pass" if any(check.metric in ON_COLLISION for check in scenario.checks) else "fail"
 
 
 def _number(value: float) -> float | None:

@@ -20,6 +20,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin.config import Config, Vector3
 from twin.geometry import rotation_from_rpy, rpy_from_rotation
 from twin.signals import Command, FloatArray, Mount
+from twin.world.clearance import Outline
 from twin.world.urdf import Urdf, read_urdf
 
 STEERING = "steering_rad"
@@ -116,6 +117,8 @@ class MachineModel:
     start: tuple[float, float, float]
     """East m, north m, heading rad of the root link's frame."""
     drive: Callable[[Urdf], Drive]
+    outline_m: Outline
+    """What may not touch a tree."""
     springs: tuple[Spring, ...] = ()
     draughts: tuple[Draught, ...] = ()
     servo_torque_n_m: float = 50_000.0
@@ -200,8 +203,8 @@ class MachineBaseConfig(Config):
                 raise ValueError(f"{key}.body: unknown body {body!r} (there are {', '.join(bodies)})")
         return self
 
-    def model(self) -> MachineModel:
-        """Return the machine to be simulated."""
+    def model(self, seed: int) -> MachineModel:
+        """Return the machine to be simulated: the one of this kind that the world of this seed has."""
         raise NotImplementedError
 
     @property
@@ -249,7 +252,7 @@ class MachineBaseConfig(Config):
         return east + float(turned[0]), north + float(turned[1]), heading + own
 
     @property
-    def footprint_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+    def footprint_m(self) -> Outline:
         """Rectangle around all joints and row units, as the machine stands straight: (back, right), (front, left).
 
         In the frame of the root link, forward and left, m.
@@ -261,6 +264,11 @@ class MachineBaseConfig(Config):
         points += [(bar + rotation @ np.array([0.0, y, 0.0]))[:2] for y in self.rows_y_m]
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+
+    @property
+    def outline_m(self) -> Outline:
+        """Rectangle around the machine that may not touch a tree, in the frame of the root link."""
+        return self.footprint_m
 
     @property
     def reach_m(self) -> float:

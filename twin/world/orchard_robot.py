@@ -20,12 +20,16 @@ Frame: the root link ``chassis`` has its origin in the middle of the driven axle
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from twin import paths
 from twin.config import Vector3
 from twin.geometry import STANDARD_GRAVITY_M_S2
+from twin.randomness import world_generator
+from twin.world.clearance import Outline
 from twin.world.differential import DifferentialDrive, DifferentialSpec
 from twin.world.machine import BarConfig, MachineBaseConfig, MachineModel, MountConfig, Wheel
 
@@ -86,6 +90,15 @@ class RobotSize:
     def chassis_x_m(self) -> float:
         """Centre of mass of the chassis ahead of the axle, for the ball's share of the weight."""
         return (CASTER_SHARE * self.mass_kg - self.caster_mass_kg) * self.caster_x_m / self.chassis_mass_kg
+
+    @property
+    def outline_m(self) -> Outline:
+        """Around decks, wheels and ball."""
+        half_deck = 0.5 * self.chassis_size_m[0]
+        back = min(self.deck_x_m - half_deck, -self.wheel_radius_m)
+        front = max(self.deck_x_m + half_deck, self.caster_x_m + self.caster_radius_m)
+        side = max(0.5 * self.chassis_size_m[1], 0.5 * (self.track_m + self.wheel_width_m))
+        return (back, -side), (front, side)
 
     @property
     def wheels(self) -> tuple[Wheel, ...]:
@@ -204,16 +217,31 @@ class _RobotConfig(MachineBaseConfig):
         """Nothing steers."""
         return 0.0
 
-    def model(self) -> MachineModel:
+    wheel_tolerance: Annotated[float, Field(ge=0.0, le=0.05)] = 0.0
+    """Standard deviation of a driven wheel's radius about its nominal one, as a share; drawn with the world's seed.
+    Nobody knows: neither the speed loops, which therefore drive an arc, nor odometry."""
+
+    @property
+    def outline_m(self) -> Outline:
+        """Rectangle around the machine that may not touch a tree, in the frame of the root link."""
+        return self.size.outline_m
+
+    def model(self, seed: int) -> MachineModel:
         """Return the machine to be simulated."""
         size = self.size
+        drawn = world_generator(seed, "machine.wheels").standard_normal(len(size.wheels)).tolist()
+        spread_m = self.wheel_tolerance * size.wheel_radius_m
         return MachineModel(
             urdf=self.asset,
-            wheels=size.wheels,
+            wheels=tuple(
+                replace(wheel, radius_m=wheel.radius_m + spread_m * normal) if wheel.joint in DRIVEN else wheel
+                for wheel, normal in zip(size.wheels, drawn, strict=True)
+            ),
             mounts=self.resolved_mounts,
             reference=self.reference,
             rows_y_m=self.rows_y_m,
             start=self.vehicle_start,
+            outline_m=self.outline_m,
             drive=lambda urdf: DifferentialDrive(size.drive, urdf),
         )
 

@@ -99,7 +99,7 @@ class PrototypeCarConfig(MachineBaseConfig):
         """Of the car."""
         return WHEELBASE_M
 
-    def model(self) -> MachineModel:
+    def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the machine to be simulated."""
         return MachineModel(
             urdf=self.asset,
@@ -108,6 +108,7 @@ class PrototypeCarConfig(MachineBaseConfig):
             reference=self.reference,
             rows_y_m=self.rows_y_m,
             start=self.vehicle_start,
+            outline_m=self.outline_m,
             drive=lambda urdf: TractorDrive(_SPEC, urdf),
             springs=SPRINGS,
         )

@@ -1,7 +1,8 @@
 """The world in motion: one machine on one terrain, stepped by pybullet, with our tyre-soil forces.
 
 pybullet integrates the machine's tree of rigid bodies (Featherstone); everything that touches the ground is ours
-(``twin.world.dynamics``, ``twin.world.tyres``). The machine has no collision shapes: there is nothing to hit.
+(``twin.world.dynamics``, ``twin.world.tyres``). The machine has no collision shapes: how far it is from the nearest
+trunk is part of the truth, and a run ends where they touch.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from twin.errors import BadInputError, WorldEndedError
 from twin.geometry import STANDARD_GRAVITY_M_S2, rotation_from_rpy
 from twin.signals import (
+    CLEARANCE,
     HEADING,
     NS_PER_S,
     POSITION,
@@ -30,6 +32,7 @@ from twin.signals import (
 )
 from twin.world import dynamics, tyres
 from twin.world.body import PhysicsBody
+from twin.world.clearance import clearance_m
 from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.magnetics import Magnetics, MagneticsConfig
@@ -170,7 +173,8 @@ class World:
         joints = tuple(f"joint.{joint.name}_rad" for joint in self._body.urdf.joints)
         vehicle = ("vehicle_e_m", "vehicle_n_m", "vehicle_heading_rad", "vehicle_speed_m_s")
         wheels = tuple(f"{wheel.joint}.{name}" for wheel in self.machine.wheels for name, _ in _WHEEL_COLUMNS)
-        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels
+        near = (CLEARANCE,) if len(self.trunks) else ()
+        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels + near
 
     # --- start -------------------------------------------------------------------------------------------------------
 
@@ -191,6 +195,8 @@ class World:
             damper[:] = figure
         self._drive.reset()
         self.tick = 0
+        if len(self.trunks) and self._clearance(self.vehicle()) <= 0.0:
+            raise BadInputError("machine.start: the machine touches a tree at its start")
 
     def _pose_on_ground(self, east: float, north: float, heading: float) -> tuple[FloatArray, FloatArray]:
         """Position and roll, pitch, yaw of the root that lay the wheels on the ground's mean plane."""
@@ -281,8 +287,13 @@ class World:
                 (vehicle.east_m, vehicle.north_m, vehicle.heading_rad, vehicle.speed_m_s),
                 self._drive.diagnostics(),
                 self._results[:, [index for _, index in _WHEEL_COLUMNS]].ravel(),
+                [self._clearance(vehicle)] if len(self.trunks) else [],
             ]
         )
+
+    def _clearance(self, vehicle: VehicleState) -> float:
+        outline = self.machine.outline_m
+        return clearance_m(self.trunks, vehicle.east_m, vehicle.north_m, vehicle.heading_rad, outline)
 
     def watch(self, name: str, need: Need) -> None:
         """Answer this need from now on, to :meth:`capture` under this name."""
@@ -354,7 +365,7 @@ def build_world(
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
     """
-    model = machine.model()
+    model = machine.model(seed)
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
     trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))

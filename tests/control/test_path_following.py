@@ -5,20 +5,20 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from twin.control.driver import Driver, DriverConfig
-from twin.signals import VehicleState
+from twin.control.path_following import PathDriver, PathDriverConfig
+from twin.signals import Knowledge, VehicleState
 
 WHEELBASE_M = 2.8
 STEP_S = 0.02
 
 
-def _drive(driver: Driver, duration_s: float) -> list[tuple[float, VehicleState, float, int, bool]]:
+def _drive(driver: PathDriver, duration_s: float) -> list[tuple[float, VehicleState, float, int, bool]]:
     """Kinematic bicycle, steering lag 0.2 s and 0.6 rad/s, speed lag 0.3 s: (t, state, offset, leg, brake)."""
     east = north = heading = speed = steering = 0.0
     log = []
     for step in range(round(duration_s / STEP_S)):
         state = VehicleState(east_m=east, north_m=north, heading_rad=heading, speed_m_s=speed)
-        command = driver.command(state, STEP_S)
+        command = driver.command(Knowledge(t_ns=0, vehicle=state), STEP_S)
         _, offset = driver.path.project(east, north, near_m=driver._station_m)
         log.append((step * STEP_S, state, offset, driver.segment, command.brake))
         speed = 0.0 if command.brake else speed + (command.speed_m_s - speed) * STEP_S / 0.3
@@ -29,9 +29,9 @@ def _drive(driver: Driver, duration_s: float) -> list[tuple[float, VehicleState,
     return log
 
 
-def _driver(path: list[dict[str, float]], **changes: float) -> Driver:
-    config = DriverConfig.model_validate({"path": path, **changes})
-    return Driver(config, start_e_n_heading=(0.0, 0.0, 0.0), wheelbase_m=WHEELBASE_M, seed=1)
+def _driver(path: list[dict[str, float]], **changes: float) -> PathDriver:
+    config = PathDriverConfig.model_validate({"path": path, **changes})
+    return PathDriver(config, start_e_n_heading=(0.0, 0.0, 0.0), wheelbase_m=WHEELBASE_M, seed=1)
 
 
 def test_the_driver_keeps_to_a_path_with_tight_turns() -> None:
@@ -93,13 +93,13 @@ def test_wander_is_drawn_from_the_seed_and_bounded_by_its_statistics() -> None:
 )
 def test_segments_that_mean_nothing_are_refused(segment: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
-        DriverConfig.model_validate({"path": [segment]})
+        PathDriverConfig.model_validate({"path": [segment]})
 
 
 # --- a machine that turns by the difference of its wheels ------------------------------------------------------------
 
 
-def _roll(driver: Driver, duration_s: float) -> list[tuple[float, VehicleState, float, int]]:
+def _roll(driver: PathDriver, duration_s: float) -> list[tuple[float, VehicleState, float, int]]:
     """Kinematic two-wheeler, speed and yaw rate lag 0.1 s: (t, state, heading turned in all, leg)."""
     east = north = heading = speed = rate = 0.0
     log = []
@@ -107,7 +107,7 @@ def _roll(driver: Driver, duration_s: float) -> list[tuple[float, VehicleState, 
         state = VehicleState(
             east_m=east, north_m=north, heading_rad=math.remainder(heading, 2.0 * math.pi), speed_m_s=speed
         )
-        command = driver.command(state, STEP_S)
+        command = driver.command(Knowledge(t_ns=0, vehicle=state), STEP_S)
         log.append((step * STEP_S, state, heading, driver.segment))
         speed = 0.0 if command.brake else speed + (command.speed_m_s - speed) * STEP_S / 0.1
         rate = 0.0 if command.brake else rate + (command.yaw_rate_rad_s - rate) * STEP_S / 0.1
@@ -158,4 +158,4 @@ def test_a_spin_keeps_to_its_rate() -> None:
 )
 def test_a_spin_that_says_nothing_or_too_much_is_refused(segment: dict[str, float], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
-        DriverConfig.model_validate({"path": [segment]})
+        PathDriverConfig.model_validate({"path": [segment]})

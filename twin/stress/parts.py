@@ -19,7 +19,8 @@ from twin.errors import BadInputError
 from twin.scenario import LoadedScenario
 from twin.scoring.envelopes import Envelope
 from twin.scoring.verdict import versions
-from twin.stress import Plan, TaskResult
+from twin.stress.plan import Plan
+from twin.stress.tasks import TaskResult
 
 
 class Parts:

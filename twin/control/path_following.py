@@ -23,9 +23,8 @@ from pydantic import Field, Strict, model_validator
 from twin.config import Config, NonNegative, Positive
 from twin.geometry import Path, wrap_angle_scalar
 from twin.randomness import world_generator
-from twin.signals import Command, VehicleState
+from twin.signals import Command, Knowledge, Listening, VehicleState
 
-CONTROL_HZ = 50.0
 _STANDING_M_S = 0.05
 _ARRIVED_M, _ARRIVED_LENGTHS = 0.3, 0.075
 """A stop is reached within this distance, or this share of the feedback's length 1/w where that is less."""
@@ -90,9 +89,10 @@ class Segment(Config):
         return f"speed {self.speed_m_s:g} m/s"
 
 
-class DriverConfig(Config):
-    """Who steers, along what."""
+class PathDriverConfig(Config):
+    """A driver in the seat, who follows a planned path."""
 
+    kind: Literal["path"] = "path"
     follows: Literal["truth"] = "truth"
     """What the driver goes by."""
     speed_m_s: Annotated[float, Field(gt=0.0, le=15.0)] = 2.5
@@ -119,6 +119,16 @@ class DriverConfig(Config):
         if length > _LONGEST_PATH_M:
             raise ValueError(f"path: {length:.3g} m long; at most {_LONGEST_PATH_M:g} m are allowed")
         return self
+
+    @property
+    def listens(self) -> Listening:
+        """Whoever sees the truth asks nobody."""
+        return Listening()
+
+    @property
+    def needed_columns(self) -> dict[str, tuple[str, ...]]:
+        """Nothing is needed of anybody."""
+        return {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,18 +170,18 @@ def _lay_out(segments: Iterable[Segment], speed_m_s: float) -> tuple[list[tuple[
     return pieces, legs
 
 
-def planned_path(config: DriverConfig, start_e_n_heading: tuple[float, float, float]) -> Path:
+def planned_path(config: PathDriverConfig, start_e_n_heading: tuple[float, float, float]) -> Path:
     """Lay the driver's segments out from the start pose of the rear axle (east m, north m, heading rad)."""
     pieces, _ = _lay_out(config.path, config.speed_m_s)
     east, north, heading = start_e_n_heading
     return Path(east_m=east, north_m=north, heading_rad=heading, pieces=pieces)
 
 
-class Driver:
-    """Follows the planned path from what it is told of the vehicle, at :data:`CONTROL_HZ`."""
+class PathDriver:
+    """Follows the planned path by what is seen from the seat."""
 
     def __init__(
-        self, config: DriverConfig, *, start_e_n_heading: tuple[float, float, float], wheelbase_m: float, seed: int
+        self, config: PathDriverConfig, *, start_e_n_heading: tuple[float, float, float], wheelbase_m: float, seed: int
     ) -> None:
         self.path = planned_path(config, start_e_n_heading)
         self.segment = 0
@@ -194,8 +204,9 @@ class Driver:
         """Names of the legs, in order; the state after the last one is ``finished``."""
         return (*(leg.name for leg in self._legs), "finished")
 
-    def command(self, vehicle: VehicleState, interval_s: float) -> Command:
+    def command(self, knowledge: Knowledge, interval_s: float) -> Command:
         """Return what the driver asks of the machine now; called every ``interval_s``."""
+        vehicle = knowledge.seen_from_the_seat
         self._station_m, offset_m = self.path.project(
             vehicle.east_m, vehicle.north_m, near_m=self._station_m, from_m=self._corner_m
         )

@@ -26,9 +26,10 @@ from twin.scoring.ensemble import (
     quantiles,
 )
 from twin.scoring.envelopes import Envelope
-from twin.scoring.verdict import SCHEMA, versions
+from twin.scoring.verdict import SCHEMA, ending, versions
 from twin.signals import NS_PER_S, FloatArray
-from twin.stress import Plan, TaskResult
+from twin.stress.plan import Plan
+from twin.stress.tasks import TaskResult
 
 _WORST = 2
 
@@ -139,7 +140,7 @@ def merge_results(
         ended += [
             f"seed {plan.seeds[world]}: {task.ended_reason} at {task.ended_t_s:.2f} s"
             for world, task in enumerate(tasks)
-            if task.ended_reason != "duration"
+            if ending(task.ended_reason, loaded.scenario) != "pass"
         ]
         points.append(_merge_point(loaded, plan, dict(settings), tasks))
     return StressResult(loaded=loaded, plan=plan, points=points, ended=ended, timing=timing)

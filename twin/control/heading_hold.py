@@ -1,0 +1,76 @@
+"""Chapter 2's controller of paper 001: three states, by nothing but a heading.
+
+"Turn back": outside ``tolerance_deg`` of the lane's direction the robot stands and rotates itself back to it. "Drive":
+inside, it goes straight on, with no yaw rate at all. "Stop": the camera sees the sign. An error within the tolerance is
+never corrected, and nothing knows how far from the axis the robot is: at a constant heading error e it leaves the axis
+by sin(e) per metre, up to 9 cm per metre at 5 degrees.
+
+The paper does not say how fast the robot rotates, nor when it has arrived: the rate is a choice, and it has arrived
+when the heading has come to ``back_to_deg``, the half of the paper's tolerance being the default.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from twin.control.lane_keeping import (
+    STANDING,
+    STOPPED_AT_END,
+    STOPPED_AT_SIGN,
+    TRUTH,
+    LaneDriver,
+    LaneDriverConfig,
+)
+from twin.signals import HEADING, Knowledge
+
+DRIVING, TURNING_BACK = "driving", "turning back"
+
+
+class HeadingHoldConfig(LaneDriverConfig):
+    """Options of :class:`HeadingHold`."""
+
+    states: ClassVar = (STANDING, DRIVING, TURNING_BACK, STOPPED_AT_SIGN, STOPPED_AT_END)
+
+    kind: Literal["heading_hold"]
+    follows: str = TRUTH
+    """Estimator of the heading, or "truth"."""
+    tolerance_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 5.0
+    """Heading error beyond which the robot turns back."""
+    back_to_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 2.5
+    """Heading error at which it has turned back far enough."""
+    turn_rate_deg_s: Annotated[float, Field(gt=0.0, le=360.0)] = 45.0
+    """Rate of turning back, on the spot."""
+
+    @property
+    def follows_whom(self) -> tuple[str, ...]:
+        """Estimators that the driver steers by."""
+        return () if self.follows == TRUTH else (self.follows,)
+
+    @property
+    def needed_columns(self) -> dict[str, tuple[str, ...]]:
+        """Columns that are needed of those listened to."""
+        needed = super().needed_columns
+        return needed | {name: (*needed.get(name, ()), HEADING) for name in self.follows_whom}
+
+
+class HeadingHold(LaneDriver):
+    """Driver of :class:`HeadingHoldConfig`."""
+
+    def __init__(self, config: HeadingHoldConfig, *, start_e_n_heading: tuple[float, float, float]) -> None:
+        super().__init__(config, start_e_n_heading=start_e_n_heading)
+        self._config = config
+
+    def steer(self, knowledge: Knowledge, interval_s: float) -> tuple[str, float, float]:  # noqa: ARG002
+        """Return the state to be in, the speed wanted (m/s) and the yaw rate (rad/s)."""
+        config = self._config
+        said = self.in_lane(knowledge) if config.follows == TRUTH else knowledge.said.get(config.follows)
+        error = self.heading_error(said)
+        if math.isnan(error):
+            return STANDING, 0.0, 0.0
+        beyond = config.back_to_deg if self.state == TURNING_BACK else config.tolerance_deg
+        if abs(error) <= math.radians(beyond):
+            return DRIVING, config.speed_m_s, 0.0
+        return TURNING_BACK, 0.0, -math.copysign(math.radians(config.turn_rate_deg_s), error)

@@ -1,0 +1,61 @@
+"""How a machine kept to its lane, and to its distance from the trees: what closed loops are judged by.
+
+The offset is that of the middle of the driven axle from the lane's axis, positive to the left, over the whole run from
+``scoring.from_s`` on. ``finished`` is 1 for a run whose driver stopped, at the sign or at the end of the lane, without
+having touched a tree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.control.lane_keeping import STOPPED_AT_END, STOPPED_AT_SIGN, LaneDriverConfig
+from twin.recording import Stream
+from twin.scenario import Scenario
+from twin.signals import CLEARANCE, LANE_OFFSET, FloatArray, nanoseconds
+
+_FINISHED = "truth.lane.finished"
+_COLLIDED = "truth.clearance.touched"
+_CLEARANCE = "truth.clearance.min_m"
+ON_COLLISION = frozenset({_FINISHED, _COLLIDED, _CLEARANCE})
+"""Metrics a check of which says whether a run may end at a tree."""
+_OFFSETS = ("truth.lane.rms_offset_m", "truth.lane.max_abs_offset_m", "truth.lane.final_offset_m")
+_STOPS = {"truth.lane.stopped_at_sign": STOPPED_AT_SIGN, "truth.lane.stopped_at_end": STOPPED_AT_END}
+_WAY = "truth.lane.way_m"
+
+
+def names(columns: Sequence[str]) -> list[str]:
+    """Names of :func:`metrics` of a run with these truth columns."""
+    clearance = [_CLEARANCE, _COLLIDED] if CLEARANCE in columns else []
+    return clearance + ([*_OFFSETS, _WAY, *_STOPS, _FINISHED] if LANE_OFFSET in columns else [])
+
+
+def metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
+    """Offset from the axis, way made along it, how the drive ended, distance from the trees; each of shape (1,)."""
+    found: dict[str, float] = {}
+    if truth.has(CLEARANCE):
+        nearest = float(truth.column(CLEARANCE).min())
+        found |= {_CLEARANCE: nearest, _COLLIDED: float(nearest <= 0.0)}
+    if truth.has(LANE_OFFSET) and isinstance(scenario.driver, LaneDriverConfig):
+        counted = truth.t_ns >= nanoseconds(scenario.scoring.from_s)
+        offset = truth.column(LANE_OFFSET)[counted, 0]
+        if len(offset):
+            sizes = [math.sqrt(float(np.mean(offset**2))), float(np.abs(offset).max()), float(offset[-1])]
+        else:
+            sizes = [math.nan] * len(_OFFSETS)
+        found |= dict(zip(_OFFSETS, sizes, strict=True))
+        found[_WAY] = _way(truth, math.radians(scenario.machine.start.heading_deg))
+        last = scenario.driver.states[round(float(truth.column("segment")[-1, 0]))]
+        found |= {name: float(last == state) for name, state in _STOPS.items()}
+        touched = found.get(_COLLIDED, 0.0) > 0.0
+        found[_FINISHED] = float(last in _STOPS.values() and not touched)
+    return {name: np.array([value]) for name, value in found.items()}
+
+
+def _way(truth: Stream, heading_rad: float) -> float:
+    """Along the axis from the first to the last instant, m."""
+    east, north = (truth.column(f"vehicle_{axis}_m")[:, 0] for axis in "en")
+    return float((east[-1] - east[0]) * math.cos(heading_rad) + (north[-1] - north[0]) * math.sin(heading_rad))

@@ -1,0 +1,85 @@
+"""What a stress test runs: worlds, noise realisations, and settings that are varied."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.errors import BadInputError
+from twin.scenario import LoadedScenario, load, parse_setting
+
+_LARGEST_RUN = 10_000_000
+_RANGE_POINTS = 5
+
+Setting = tuple[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What to run."""
+
+    path: Path
+    settings: tuple[Setting, ...]
+    runs: int
+    seeds: tuple[int, ...]
+    """One world each."""
+    points: tuple[tuple[Setting, ...], ...]
+    """Settings of each point of ``--vary``; one empty point without."""
+
+    def tasks(self) -> list[tuple[int, int]]:
+        """Every (point, world), in the order in which results are merged."""
+        return list(itertools.product(range(len(self.points)), range(len(self.seeds))))
+
+    def load(self, point: int, world: int) -> LoadedScenario:
+        """The scenario of one task.
+
+        Raises:
+            BadInputError: it is wrong.
+        """
+        return load(self.path, settings=[*self.settings, *self.points[point], ("seed", self.seeds[world])])
+
+
+def parse_vary(text: str) -> list[Setting]:
+    """Values of ``KEY=LO:HI`` (five, evenly spaced), ``KEY=LO:HI:N`` or ``KEY=A,B,C``.
+
+    Raises:
+        BadInputError: none of these forms.
+    """
+    key, equals, values = text.partition("=")
+    if not equals or not key.strip() or not values.strip():
+        raise BadInputError(f"--vary {text!r}: expected KEY=LO:HI, KEY=LO:HI:N or KEY=A,B,C")
+    if ":" in values and "," not in values:
+        parts = values.split(":")
+        try:
+            low, high = float(parts[0]), float(parts[1])
+            count = int(parts[2]) if len(parts) > 2 else _RANGE_POINTS
+        except ValueError:
+            raise BadInputError(f"--vary {text!r}: a range is LO:HI or LO:HI:N with numbers") from None
+        if len(parts) > 3 or not 1 <= count <= 1000 or not np.isfinite([low, high]).all():
+            raise BadInputError(f"--vary {text!r}: a range is LO:HI or LO:HI:N with N from 1 to 1000")
+        return [(key.strip(), float(value)) for value in np.linspace(low, high, count)]
+    return [parse_setting(f"{key}={value}") for value in values.split(",")]
+
+
+def make_plan(
+    path: Path, *, runs: int, worlds: int, settings: Sequence[Setting], vary: Sequence[str], seed: int | None
+) -> Plan:
+    """Lay out the tasks; every point is loaded once, so that bad input shows before anything is simulated.
+
+    Raises:
+        BadInputError: a setting or a varied value is wrong.
+    """
+    if not 1 <= runs <= _LARGEST_RUN or not 1 <= worlds <= _LARGEST_RUN:
+        raise BadInputError(f"--runs {runs} --worlds {worlds}: expected at least 1 of each, at most {_LARGEST_RUN}")
+    points = tuple(itertools.product(*(parse_vary(text) for text in vary)))
+    first = load(path, settings=[*settings, *points[0], *([("seed", seed)] if seed is not None else [])])
+    seeds = tuple(range(first.scenario.seed, first.scenario.seed + worlds))
+    plan = Plan(path=path, settings=tuple(settings), runs=runs, seeds=seeds, points=points)
+    for point in range(len(points)):
+        plan.load(point, 0)
+    return plan
