@@ -308,7 +308,7 @@ class Journey:
         measured = {name: confidant.measured(name, t_ns) for name in self._listens.sensors}
         return Knowledge(
             t_ns=t_ns,
-            vehicle=None if self._listens.estimators else self._world.vehicle(),
+            vehicle=self._world.vehicle() if self._listens.truth else None,
             said={name: each for name, each in said.items() if each is not None},
             measured={name: each for name, each in measured.items() if each is not None},
         )

@@ -357,6 +357,8 @@ class Listening:
 
     estimators: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
+    truth: bool = True
+    """Whether it sees the machine as it is, too."""
 
     @property
     def closes_loop(self) -> bool:

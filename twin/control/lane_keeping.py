@@ -62,6 +62,7 @@ class LaneDriverConfig(Config):
         return Listening(
             estimators=tuple(dict.fromkeys((*self.follows_whom, *odometer))),
             sensors=() if self.camera is None else (self.camera,),
+            truth=not self.follows_whom,
         )
 
     @property
