@@ -100,9 +100,7 @@ def the_lidar(setup: EstimatorSetup, infos: list[SensorInfo], *, kind: str) -> L
         BadInputError: there is none, or there are several.
     """
     if len(infos) != 1:
-        raise BadInputError(
-            f"[estimators.{setup.name}] sensors: {kind} takes one of kind {LIDAR!r}, not {len(infos)}"
-        )
+        raise BadInputError(f"[estimators.{setup.name}] sensors: {kind} takes one of kind {LIDAR!r}, not {len(infos)}")
     return LidarSheet.of(infos[0], setup)
 
 

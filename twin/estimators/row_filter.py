@@ -14,6 +14,7 @@ may be added. With the lidar alone it is the row fit, held until the next.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -52,7 +53,6 @@ from twin.signals import (
     FloatArray,
     Measurement,
 )
-from dataclasses import replace
 
 KIND = "row_filter"
 _LATEST_S = 2.0
@@ -247,9 +247,7 @@ def _dead_reckoning(config: RowFilterConfig, setup: EstimatorSetup, count: dict[
             f" {count[MAGNETOMETER]} of kind {MAGNETOMETER!r}"
         )
     if not count[IMU]:
-        return Unknown(
-            turn_rad_rts=config.unknown_turn_rad_rts, side_m_rts=config.unknown_side_m_rts, runs=setup.runs
-        )
+        return Unknown(turn_rad_rts=config.unknown_turn_rad_rts, side_m_rts=config.unknown_side_m_rts, runs=setup.runs)
     others = {name: info for name, info in setup.sensors.items() if info.kind != LIDAR}
     imu = next(info for info in others.values() if info.kind == IMU)
     encoders = next(info for info in others.values() if info.kind == WHEEL_ENCODERS)

@@ -23,10 +23,10 @@ errors, and standing likewise with the trees' places, and the prior's own share.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from typing import Annotated
 
 from twin.config import Config, NonNegative, Positive
 from twin.estimators.lidar_scan import Trunks
@@ -121,9 +121,7 @@ class RowFitter:
         nothing is: hypotheses far from it count less. The result itself does not lean on them.
         """
         runs = len(x_m)
-        seen = _Seen(
-            trunks.there, x_m, y_m, trunks.along_sigma_m**2, trunks.across_sigma_m**2, trunks.bearing_rad
-        )
+        seen = _Seen(trunks.there, x_m, y_m, trunks.along_sigma_m**2, trunks.across_sigma_m**2, trunks.bearing_rad)
         if x_m.shape[1] == 0:
             return _no_fit(runs)
         start = self._search(seen, near, near_sigma)
