@@ -2,11 +2,11 @@
 
     V_angular = K (L1 - L2),  later K (L3 - L4),  L in cm and K = 0.01 rad/s per cm.
 
-The speed is constant. Where a tree of the pair is not found there is nothing to steer by, and the robot goes straight on,
-which is what the paper implies.
+The speed is constant. Where a tree of the pair is not found there is nothing to steer by, and the robot goes straight
+on, which is what the paper implies.
 
-**What the law does.** A pair of trees at the bearing b to either side is a pair of ranges, and ranges do not change with
-the machine's heading. For a lidar that is l ahead of the axle, at the offset e and the heading psi,
+**What the law does.** A pair of trees at the bearing b to either side is a pair of ranges, and ranges do not change
+with the machine's heading. For a lidar that is l ahead of the axle, at the offset e and the heading psi,
 
     L1 - L2 = -2 sin(b) (e + l psi),
 

@@ -53,7 +53,7 @@ AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | PluginConf
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
-def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:  # noqa: PLR0911
+def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:  # noqa: C901, PLR0911
     """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
 
     Raises:

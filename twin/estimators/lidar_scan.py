@@ -71,7 +71,7 @@ class LidarSheet:
         places, sheet = np.arange(beams), info.datasheet
         return cls(
             name=info.name,
-            bearings_rad=2.0 * np.pi / beams * places + yaw,
+            bearings_rad=np.asarray(2.0 * np.pi / beams * places + yaw, dtype=np.float64),
             ages_s=(1.0 - (places + 1) / beams) / info.rate_hz,
             forward_m=forward,
             left_m=left,

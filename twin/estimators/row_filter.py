@@ -7,9 +7,9 @@ and the way of the wheels, and beyond where no rows are seen: in bright sun, in 
 gyroscope's does. The trees in sight do not stand quite in their rows, and the next scan sees the same ones: that error
 is a state and not taken for noise that a hundred scans would average away.
 
-The filter follows the rows, so a constant error of the compass does not matter, and a magnet beside the lane only harms:
-of the heading filter it takes turns, not the heading itself. Inertial unit and wheel encoders go together; a magnetometer
-may be added. With the lidar alone it is the row fit, held until the next.
+The filter follows the rows, so a constant error of the compass does not matter, and a magnet beside the lane only
+harms: of the heading filter it takes turns, not the heading itself. Inertial unit and wheel encoders go together; a
+magnetometer may be added. With the lidar alone it is the row fit, held until the next.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ class RowFilter:
     fit was last used; ``fit_offset_m`` and ``fit_heading_rad``: the last fit alone, NaN where there was none.
 
     Raises:
-        BadInputError: not exactly one lidar, an inertial unit without wheel encoders or the other way round, or a sensor
-            of another kind.
+        BadInputError: not exactly one lidar, an inertial unit without wheel encoders or the other way round, or a
+            sensor of another kind.
     """
 
     state_columns: tuple[str, ...] = (LANE_OFFSET, LANE_HEADING)
