@@ -165,13 +165,13 @@ class RowFitter:
     def _normal(
         self, A: FloatArray, weight: FloatArray, residual: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Normal matrix (R, 3, 3) and right side (R, 3), with the prior of h and a whisper of one for the rest."""
+        """Normal matrix (R, 3, 3) and right side (R, 3), with the prior of h; of the rest only 1 m and 1 rad."""
         N = np.einsum("rmi,rm,rmj->rij", A, weight, A)
         right = np.einsum("rmi,rm,rm->ri", A, weight, residual)
         N[:, HALF, HALF] += 1.0 / self._half_variance
         right[:, HALF] += (self._half_m - p[:, HALF]) / self._half_variance
-        N[:, E, E] += 1e-6
-        N[:, PSI, PSI] += 1e-6
+        N[:, E, E] += 1.0
+        N[:, PSI, PSI] += 1.0
         return N, right
 
     def _judge(self, seen: _Seen, p: FloatArray) -> RowFit:

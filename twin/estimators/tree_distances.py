@@ -13,7 +13,8 @@ moves backwards with smaller angles as the paper says, and eq 70 turns back. So 
 left, at +90 degrees in the twin's counter-clockwise bearings, tree 2 (and 4) on the right.
 
 **Other gaps.** At 0.4 m a trunk of 5 cm fills +-6 degrees, so not all beams of +-10 can repeat a distance; three have
-to. A "threshold distance" is read as the known distance, give or take ``threshold_m``. A tree that is not found has no
+to. A "threshold distance" is read as the known distance, give or take ``threshold_m``; of several things in the window
+the one nearest to the last distance is taken. A tree that is not found has no
 distance (NaN) and is looked for at the same place again; after ``lost_after_scans`` it is lost for good. What comes
 after tree 4 is not in the paper: it is lost. With ``repeat_spacing_m``, **an extension**, the next pair is looked for
 that much ahead of the present one, and takes over when the present one has been passed.
@@ -68,6 +69,8 @@ class TreeDistancesConfig(Config):
     """Trees 1 (left), 2 (right), 3 (ahead left), 4 (ahead right) from where the lidar is at the start."""
     threshold_m: Positive = 0.1
     """How far a tree may be from its known distance at first; a choice."""
+    jump_m: Positive = 0.25
+    """How far a tree may be from its last distance: farther off it is another one; a choice."""
     window_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 10.0
     """Angle within which a distance has to repeat itself, either way."""
     repeat_m: Positive = 0.05
@@ -131,14 +134,14 @@ class TreeDistances:
         """Find every tree that is looked for in ranges (R, n)."""
         config = self._config
         count, distance, bearing = self._repeated(ranges)
-        nearest = np.where(count >= config.min_beams, ranges, np.inf)
+        repeated = (count >= config.min_beams)[:, np.newaxis, :]
         window = np.deg2rad(config.window_deg)
         turned = wrap_angle(self._sheet.bearings_rad - self._bearing[..., np.newaxis])  # (R, slots, n)
         behind = _SIDE[:, np.newaxis] * turned
         inside = (behind <= window) & (behind >= np.where(self._tracked, -_SLACK_RAD, -window)[..., np.newaxis])
-        known = np.abs(distance[:, np.newaxis, :] - self._distance[..., np.newaxis]) <= config.threshold_m
-        inside &= known | self._tracked[..., np.newaxis]
-        candidates = np.where(inside, nearest[:, np.newaxis, :], np.inf)
+        jump = np.abs(distance[:, np.newaxis, :] - self._distance[..., np.newaxis])
+        inside &= jump <= np.where(self._tracked, config.jump_m, config.threshold_m)[..., np.newaxis]
+        candidates = np.where(inside & repeated, jump, np.inf)
         best = np.argmin(candidates, axis=-1)  # (R, slots)
         members = np.arange(self._runs)[:, np.newaxis]
         self._found = self._wanted & np.isfinite(candidates[members, np.arange(_SLOTS), best])
