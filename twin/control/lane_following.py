@@ -6,7 +6,7 @@ crosses one at 2.06 w, where its phase margin is 76 degrees; so it is stable for
 
 The speed falls in proportion as the sigma of the offset grows beyond ``slow_sigma_m``, down to ``slowest_share``; at
 ``stop_sigma_m`` the machine stops: it could be anywhere then. It also slows to that share when the rows are not seen,
-and stops when it has gone ``blind_m`` without them. Both ways it says why by the name of its state.
+and stops when it has gone ``blind_m`` without them; they count as seen again after ``sure_s`` without a break. Both ways it says why by the name of its state.
 """
 
 from __future__ import annotations
@@ -59,6 +59,8 @@ class LaneFollowingConfig(LaneDriverConfig):
     """Yaw rate that is asked for at most."""
     blind_m: NonNegative = 1.0
     """How far it may go on without seeing the rows."""
+    sure_s: NonNegative = 1.0
+    """How long the rows have to be seen again to be trusted."""
     slowest_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
     """Of the speed, when it is slow."""
     slow_sigma_m: Positive = 0.06
@@ -92,6 +94,7 @@ class LaneFollowing(LaneDriver):
         super().__init__(config, start_e_n_heading=start_e_n_heading)
         self._config = config
         self._blind_m = 0.0
+        self._seen_s = math.inf
 
     def steer(self, knowledge: Knowledge, interval_s: float) -> tuple[str, float, float]:
         """Return the state to be in, the speed wanted (m/s) and the yaw rate (rad/s)."""
@@ -101,7 +104,8 @@ class LaneFollowing(LaneDriver):
             return STANDING, 0.0, 0.0
         seen = said.values.get("rows_seen", 1.0) > 0.0
         silent = knowledge.t_ns - said.t_ns > _SILENT_S * NS_PER_S
-        self._blind_m = 0.0 if seen and not silent else self._blind_m + self.speed_m_s * interval_s
+        self._seen_s = self._seen_s + interval_s if seen and not silent else 0.0
+        self._blind_m = 0.0 if self._seen_s >= config.sure_s else self._blind_m + self.speed_m_s * interval_s
         state, share = self._judge(said.values.get(f"{LANE_OFFSET}.sigma", 0.0))
         return state, share * config.speed_m_s, self._rate(said)
 
@@ -113,11 +117,12 @@ class LaneFollowing(LaneDriver):
     def _judge(self, sigma_m: float) -> tuple[str, float]:
         """State, and the share of the speed that is right in it."""
         config = self._config
+        blind = self._seen_s < config.sure_s
         if not sigma_m < config.stop_sigma_m:  # not a number is no assurance
-            return STOPPED_UNSURE, 0.0
+            return (STOPPED_BLIND if blind else STOPPED_UNSURE), 0.0
         unsure = (sigma_m - config.slow_sigma_m) / (config.stop_sigma_m - config.slow_sigma_m)
         share = 1.0 - max(0.0, unsure) * (1.0 - config.slowest_share)
-        if self._blind_m > 0.0:
+        if blind:
             if self._blind_m >= config.blind_m:
                 return STOPPED_BLIND, 0.0
             return SLOW_BLIND, min(share, config.slowest_share)

@@ -183,7 +183,7 @@ class RowFilter:
         standing = np.diagonal(fit.standing, axis1=1, axis2=2)
         first = fit.good & ~self._known
         forgotten = self._contradicted >= self._config.forget_after
-        anew = first | (fit.good & forgotten) | (~np.full(self._runs, self._moves.counts_way) & fit.good)
+        anew = first | (fit.good & forgotten)
         if anew.any():
             self._begin(anew, standing)
         self._motion.standing = np.where(fit.good[:, np.newaxis], standing, self._motion.standing)

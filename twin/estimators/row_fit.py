@@ -51,9 +51,9 @@ class RowsConfig(Config):
     """Largest heading against the axis that is looked for."""
     search_offset_share: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.85
     """Largest offset that is looked for, as a share of half the lane's width."""
-    min_trunks: Annotated[int, Field(ge=2, le=20)] = 3
-    """Trunks that make a fit."""
-    max_heading_sigma_rad: Positive = 0.15
+    min_trunks: Annotated[int, Field(ge=3, le=20)] = 4
+    """Trunks that make a fit: through three that stand anywhere, rows can nearly always be laid."""
+    max_heading_sigma_rad: Positive = 0.06
     """A fit that knows the heading less well is none: trees too close together."""
 
 
