@@ -6,7 +6,8 @@ crosses one at 2.06 w, where its phase margin is 76 degrees; so it is stable for
 
 The speed falls in proportion as the sigma of the offset grows beyond ``slow_sigma_m``, down to ``slowest_share``; at
 ``stop_sigma_m`` the machine stops: it could be anywhere then. It also slows to that share when the rows are not seen,
-and stops when it has gone ``blind_m`` without them; they count as seen again after ``sure_s`` without a break. Both ways it says why by the name of its state.
+and stops when it has gone ``blind_m`` without them; they count as seen again after ``sure_s`` without a break. Both
+ways it says why by the name of its state.
 """
 
 from __future__ import annotations

@@ -41,6 +41,7 @@ from twin.estimators.row_motion import (
     Track,
     Unknown,
 )
+from twin.estimators.wheel_heading import WheelHeadingConfig
 from twin.estimators.wheel_odometry import Odometer
 from twin.geometry import wrap_angle
 from twin.signals import (
@@ -58,6 +59,9 @@ KIND = "row_filter"
 _LATEST_S = 2.0
 """How long the way made is remembered: scans that arrive later are of no use."""
 _FRESH_PERIODS = 2.0
+WHEELS = WheelHeadingConfig(drift_rad_rtm=1.0)
+"""Wheels of which one is 0.5 % larger count 0.05 rad per metre that nobody turns, always the same way; a heading filter
+without any other reference may make use of wheels all the same, one that sees the rows need not."""
 _SURE = 18.4
 """Chi-square of two numbers that is exceeded once in 10 000 times."""
 
@@ -73,7 +77,8 @@ class RowFilterConfig(Config):
     rows: RowsConfig
     trunks: TrunkConfig = TrunkConfig()
     heading: HeadingFilterConfig | None = None
-    """Options of the heading filter inside; by default its own, without its list of sensors."""
+    """Options of the heading filter inside (its list of sensors is this estimator's without the lidar). By default its
+    own, but with wheels that tell way and standstill and hardly a heading (:data:`WHEELS`)."""
     sideslip_m_rtm: NonNegative = 0.005
     """Sideways drift per root of a metre of way, 1 sigma; a choice."""
     unknown_turn_rad_rts: Positive = 0.3
@@ -251,7 +256,7 @@ def _dead_reckoning(config: RowFilterConfig, setup: EstimatorSetup, count: dict[
     others = {name: info for name, info in setup.sensors.items() if info.kind != LIDAR}
     imu = next(info for info in others.values() if info.kind == IMU)
     encoders = next(info for info in others.values() if info.kind == WHEEL_ENCODERS)
-    options = config.heading or HeadingFilterConfig(kind="heading_filter", sensors=tuple(others))
+    options = config.heading or HeadingFilterConfig(kind="heading_filter", sensors=tuple(others), wheels=WHEELS)
     heading = HeadingFilter(options, replace(setup, sensors=others))
     wheels = options.wheels
     odometer = Odometer(encoders, wheel_radius_m=wheels.wheel_radius_m, track_m=wheels.track_m, runs=setup.runs)
