@@ -56,7 +56,7 @@ def test_it_stops_at_the_end_of_the_lane_whatever_it_sees() -> None:
 def swing(speed_m_s: float, delay_s: float, duration_s: float) -> FloatArray:
     """Offsets of a robot between walls 0.4 m to either side, seen ``delay_s`` ago from a lidar ahead of the axle."""
     machine = driver(speed_m_s=speed_m_s)
-    offset, heading, offsets = 0.02, 0.0, []
+    offset, heading, offsets = 1e-4, 0.0, []
     seen = deque([offset] * (1 + round(delay_s / STEP_S)), maxlen=1 + round(delay_s / STEP_S))
     for _ in range(round(duration_s / STEP_S)):
         seen.append(offset + LEVER_M * math.sin(heading))
