@@ -53,6 +53,9 @@ class RowsConfig(Config):
     """Largest offset that is looked for, as a share of half the lane's width."""
     min_trunks: Annotated[int, Field(ge=3, le=20)] = 4
     """Trunks that make a fit: through three that stand anywhere, rows can nearly always be laid."""
+    min_hits: Annotated[int, Field(ge=0, le=1000)] = 16
+    """Beams that have to hit those trunks, all together: wrong spots that happen to lie next to each other are two or
+    three beams, so four such hits are no fit, however well they lie."""
     max_heading_sigma_rad: Positive = 0.06
     """A fit that knows the heading less well is none: trees too close together."""
 
@@ -90,6 +93,7 @@ class _Seen:
     """(R, M) variance along the line of sight."""
     across: FloatArray
     bearing: FloatArray
+    beams: FloatArray
 
     def variance(self, psi: FloatArray) -> FloatArray:
         """Variance across the lane of each, for headings that broadcast with (..., R, M)."""
@@ -121,7 +125,9 @@ class RowFitter:
         nothing is: hypotheses far from it count less. The result itself does not lean on them.
         """
         runs = len(x_m)
-        seen = _Seen(trunks.there, x_m, y_m, trunks.along_sigma_m**2, trunks.across_sigma_m**2, trunks.bearing_rad)
+        seen = _Seen(
+            trunks.there, x_m, y_m, trunks.along_sigma_m**2, trunks.across_sigma_m**2, trunks.bearing_rad, trunks.beams
+        )
         if x_m.shape[1] == 0:
             return _no_fit(runs)
         start = self._search(seen, near, near_sigma)
@@ -193,6 +199,7 @@ class RowFitter:
         sigma = np.sqrt((noise + standing)[:, PSI, PSI])
         good = (count >= config.min_trunks) & (rows > 0) & (sigma < config.max_heading_sigma_rad)
         good &= np.abs(p[:, E]) < self._half_m
+        good &= np.sum(np.where(used, seen.beams, 0.0), axis=1) >= config.min_hits
         return RowFit(
             good=good,
             offset_m=p[:, E],

@@ -32,7 +32,9 @@ from twin.signals import HEADING, NS_PER_S, BoolArray, FloatArray, Measurement, 
 E, PSI, RATE, WE, WPSI = range(5)
 SIZE = 5
 _SLOPE_SHARE = 1.0 / 3.0
-_HALF_TURN_RAD = float(np.pi)
+_SWING_RAD = 0.1
+"""A machine in a lane turns back what it turned: a scale error makes an angle error of no more than its swings. Taken for
+white it has to be that of a swing of this size; a choice."""
 
 
 class RowMotion:
@@ -194,7 +196,7 @@ class HeadingAndWheels:
         sheet = self._sheet
         moving = np.where(self._resting, 0.0, 1.0)
         heard = sheet.gyro**2 * self._sample_s * dt_s
-        motion.turn_variance = moving * heard + sheet.scale**2 * np.abs(turned) * _HALF_TURN_RAD
+        motion.turn_variance = moving * heard + sheet.scale**2 * np.abs(turned) * _SWING_RAD
         motion.offset_variance = self._sideslip * np.abs(way)
         motion.rate_variance = sheet.bias_walk**2 * dt_s
         motion.travel(way)
