@@ -152,6 +152,7 @@ def _execute(
             seed=scenario.seed,
             runs=tuple(runs),
             streams={TRUTH: truth, **members.streams()},
+            pictures=members.pictures(),
             events=sorted([*journey.events, *members.events], key=lambda event: event.t_ns),
             terrain=world.terrain,
             ended_reason=reason,
@@ -206,6 +207,7 @@ def open_world(loaded: LoadedScenario) -> World:
             dt_ns=scenario.dt_ns,
             path=_driver(scenario).path.polyline(),
             orchard=scenario.orchard,
+            signs=scenario.signs,
             magnetics=scenario.magnetics,
             light=scenario.light,
         )

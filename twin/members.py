@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from twin.errors import BadInputError
 from twin.estimation import EstimatorFactory, build_bank
+from twin.jpeg import EncodedPicture
+from twin.pictures import Pictures
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
 from twin.sensors import Sample, Sensor, build_sensor
@@ -74,6 +76,7 @@ class Members(SensorRack):
         self._measured = {name: StreamWriter(sensor.columns, len(runs)) for name, sensor in kept.items()}
         self._hidden = {name: StreamWriter(sensor.hidden_columns, len(runs)) for name, sensor in kept.items()}
         self._inbox = Inbox(scenario.driver.listens.sensors)
+        self._pictures: dict[str, list[EncodedPicture]] = {}
         self.events: list[Event] = []
         """Faults that began or ended."""
         require_columns(scenario, self._bank.columns, {name: sensor.columns for name, sensor in self.sensors.items()})
@@ -95,6 +98,8 @@ class Members(SensorRack):
 
     def _keep(self, sensor: str, capture: Capture, sample: Sample) -> None:
         self._hidden[sensor].append(capture.t_ns, sample.hidden)
+        if sample.pictures:
+            self._pictures.setdefault(sensor, []).extend(sample.pictures)
         for measurement in sample.measurements:
             self._measured[sensor].append(
                 measurement.t_ns,
@@ -122,6 +127,10 @@ class Members(SensorRack):
     def drain_estimates(self) -> dict[str, Stream]:
         """What each estimator said since the last time, by its name; it is valid until they speak again."""
         return self._bank.drain()
+
+    def pictures(self) -> dict[str, Pictures]:
+        """What the cameras of the first member saw, by sensor."""
+        return {name: Pictures.of(taken) for name, taken in self._pictures.items()}
 
     def streams(self) -> dict[str, Stream]:
         """All that was measured, hidden and estimated, by stream name."""

@@ -16,6 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from twin.errors import BadInputError
+from twin.pictures import FOLDER as PICTURE_FOLDER
+from twin.pictures import Pictures, save_pictures
 from twin.signals import NS_PER_S, BoolArray, Event, FloatArray, IntArray
 from twin.world.terrain import Terrain
 
@@ -198,6 +200,8 @@ class Recording:
     """Run indices along the ensemble axis."""
     streams: dict[str, Stream] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
+    pictures: dict[str, Pictures] = field(default_factory=dict)
+    """What the cameras of the first run saw, by sensor."""
     terrain: Terrain | None = None
     """The ground, for pictures; only in memory."""
     ended_reason: str = "duration"
@@ -246,7 +250,7 @@ _EVENT_SCHEMA = pa.schema(
 
 
 def save(recording: Recording, folder: Path) -> None:
-    """Write an ordinary run (R = 1): ``scenario.toml``, one Parquet file per stream, ``events.parquet``.
+    """Write an ordinary run (R = 1): ``scenario.toml``, one Parquet file per stream, ``events.parquet``, pictures.
 
     The bytes depend on the recording alone.
     """
@@ -256,6 +260,7 @@ def save(recording: Recording, folder: Path) -> None:
         path = folder / f"{name}.parquet"
         path.parent.mkdir(exist_ok=True)
         pq.write_table(stream.to_arrow(), path)
+    save_pictures(recording.pictures, folder)
     rows = [
         {"t_ns": event.t_ns, "source": event.source, "level": event.level, "text": event.text}
         for event in recording.events
@@ -270,7 +275,8 @@ def load_streams(folder: Path) -> dict[str, Stream]:
         BadInputError: a file is missing or not readable as Parquet.
     """
     streams: dict[str, Stream] = {}
-    for path in [folder / "truth.parquet", *sorted(folder.glob("*/*.parquet"))]:
+    others = (path for path in sorted(folder.glob("*/*.parquet")) if path.parent.name != PICTURE_FOLDER)
+    for path in [folder / "truth.parquet", *others]:
         name = path.relative_to(folder).with_suffix("").as_posix()
         try:
             streams[name] = Stream.from_arrow(_read_table(path))

@@ -188,9 +188,36 @@ class RayScan:
     """How bright it was."""
 
 
-Need = MotionNeed | JointNeed | MagneticNeed | RayNeed
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageNeed:
+    """A sensor needs a picture of what is seen from its mount along the mount's x axis, z upwards."""
+
+    mount: Mount
+    width_px: int
+    height_px: int
+    horizontal_fov_rad: float
+    """Field of view from the left edge to the right; pixels are square."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """What is seen at one instant, as an ideal camera shows it."""
+
+    t_ns: int
+    position_enu_m: FloatArray
+    """(3,) of the mount."""
+    rgb: NDArray[np.uint8]
+    """(height, width, 3), evenly exposed however bright it is."""
+    illuminance_lux: float
+    """How bright it was."""
+    sign_xyz_m: FloatArray
+    """(3,) middle of the nearest stop sign whose front faces the mount, in mount axes; NaN if there is none. It is
+    said whether the sign is in the picture or not: for the record, not to be measured."""
+
+
+Need = MotionNeed | JointNeed | MagneticNeed | RayNeed | ImageNeed
 """What a sensor may ask for; a new kind is answered by :mod:`twin.world.watch`."""
-Capture = MountMotion | JointMotion | MagneticField | RayScan
+Capture = MountMotion | JointMotion | MagneticField | RayScan | Picture
 
 
 # --- what sensors give -----------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The layout of the window, stored in the file: field left with lanes below, plots right, log and page in tabs."""
+"""The layout of the window, stored in the file: field left, lanes and a camera's pictures below, plots right."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     plots = [_plot_view(panel, sheet, duration_ns) for panel in by_kind[PanelKind.PLOT]]
     maps = [_map_view(panel, sheet) for panel in by_kind[PanelKind.MAP]]
     side_by_side = [rrb.Horizontal(*maps, name="Seeds in a turn")] if len(maps) > 1 else maps
-    left = _column([_tabs([*field, *side_by_side, *pages]), _tabs([*lanes, *logs])], shares=(3, 1))
+    pictures = [rrb.Spatial2DView(origin=_root(p), name=p.title) for p in by_kind[PanelKind.PICTURE]]
+    below = _beside(_tabs([*lanes, *logs]), _tabs(pictures))
+    left = _column([_tabs([*field, *side_by_side, *pages]), below], shares=(2, 1) if pictures else (3, 1))
     parts = [part for part in (left, _grid(plots)) if part is not None]
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[1.0, 1.0][: len(parts)]),
@@ -154,6 +156,14 @@ def _column(parts: Sequence[rrb.View | rrb.Container | None], shares: Sequence[f
     if not kept:
         return None
     return rrb.Vertical(*(part for part, _ in kept), row_shares=[share for _, share in kept])
+
+
+def _beside(
+    wide: rrb.View | rrb.Container | None, narrow: rrb.View | rrb.Container | None
+) -> rrb.View | rrb.Container | None:
+    if wide is None or narrow is None:
+        return wide or narrow
+    return rrb.Horizontal(wide, narrow, column_shares=[1.0, 1.0])
 
 
 def _grid(plots: Sequence[rrb.View]) -> rrb.Container | None:

@@ -12,6 +12,7 @@ from twin.scenario import Scenario, loads
 from twin.signals import FloatArray
 from twin.world.magnetics import IronConfig, MagnetConfig
 from twin.world.orchard import planted
+from twin.world.signs import put_up
 from twin.world.terrain import Terrain, build_terrain, wanted_extent
 from twin.world.urdf import read_urdf
 from viz.scene import Scene
@@ -41,7 +42,8 @@ def scene_of(recording: Recording) -> Scene:
     terrain = recording.terrain
     trunks = scenario.orchard.trunks(recording.seed)
     if terrain is None:
-        places = np.vstack([path, machine.vehicle_start[:2], trunks[:, :2]])
+        posts = np.array([(sign.east_m, sign.north_m) for sign in scenario.signs]).reshape(-1, 2)
+        places = np.vstack([path, machine.vehicle_start[:2], trunks[:, :2], posts])
         extent = wanted_extent(places, machine.reach_m)
         terrain = build_terrain(scenario.terrain, seed=recording.seed, extent=extent)
     return Scene(
@@ -54,6 +56,7 @@ def scene_of(recording: Recording) -> Scene:
         footprint_m=machine.footprint_m,
         paved=scenario.soil.preset == "asphalt",
         trunks=planted(trunks, terrain),
+        signs=put_up(scenario.signs, terrain),
         magnets=_on_ground(scenario.magnetics.magnets, terrain),
         iron=_on_ground(scenario.magnetics.iron, terrain),
         scanners=_scanners(scenario),

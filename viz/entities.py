@@ -25,11 +25,13 @@ TERRAIN = "world/terrain"
 GRID = "world/grid"
 PLANNED_PATH = "world/planned_path"
 FOCUS = "world/focus"
+"""An invisible point that moves with the machine and that the camera follows."""
 TRUNKS = "world/orchard/trunks"
 CROWNS = "world/orchard/crowns"
 MAGNETS = "world/magnets"
 IRON = "world/iron"
-"""An invisible point that moves with the machine and that the camera follows."""
+PLATES = "world/signs/plates"
+POSTS = "world/signs/posts"
 
 
 def machine(robot: str) -> str:
@@ -100,6 +102,21 @@ def seeds(estimator: str) -> str:
 def seed_map(estimator: str) -> str:
     """Map of the seeds in one turn."""
     return f"seed_map/{estimator}"
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+PICTURES = "pictures"
+
+
+def picture(sensor: str) -> str:
+    """What a camera saw."""
+    return f"{PICTURES}/{sensor}"
+
+
+def sign_box(sensor: str) -> str:
+    """Where the detector found a stop sign in a camera's picture."""
+    return f"{PICTURES}/{sensor}/sign"
 
 
 # --- plots -----------------------------------------------------------------------------------------------------------

@@ -38,6 +38,8 @@ class Scene:
     """The ground is asphalt, not soil: for its colour."""
     trunks: FloatArray = field(default_factory=lambda: np.zeros((0, 5)))
     """(N, 5) trunks of trees: east, north, radius, bottom, top, m."""
+    signs: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
+    """(N, 6) stop signs: east, north, up of the plate's middle, heading (rad), size, bottom of the post, m."""
     magnets: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     """(K, 4) east, north, up and radius, m."""
     iron: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))

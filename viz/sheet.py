@@ -20,6 +20,7 @@ class PanelKind(Enum):
 
     FIELD = auto()
     MAP = auto()
+    PICTURE = auto()
     PLOT = auto()
     LANES = auto()
     LOG = auto()

@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from twin.geometry import STANDARD_GRAVITY_M_S2, rotation_from_rpy
@@ -19,6 +21,7 @@ from twin.signals import (
     Capture,
     EarthField,
     FloatArray,
+    ImageNeed,
     JointMotion,
     JointNeed,
     MagneticField,
@@ -27,9 +30,11 @@ from twin.signals import (
     Mount,
     MountMotion,
     Need,
+    Picture,
     RayNeed,
     RayScan,
 )
+from twin.stop_sign import draw_plate, octagon
 
 DT_NS = 2_000_000
 MOUNT = Mount(body="base", xyz_m=(0.0, 0.0, 0.0))
@@ -139,7 +144,7 @@ WHEEL_RADIUS_M = 0.033
 
 
 def shown(need: Need, motion: MountMotion) -> Capture:
-    """What a world would show: wheels roll with the mount, no magnet, no motor runs, all round a wall at 1 m."""
+    """What a world would show: wheels roll with the mount, no magnet, no motor, a wall at 1 m all round, a sign."""
     place: dict[str, Any] = {"t_ns": motion.t_ns, "position_enu_m": motion.position_enu_m}
     match need:
         case JointNeed():
@@ -149,8 +154,25 @@ def shown(need: Need, motion: MountMotion) -> Capture:
             return MagneticField(**place, field_ut=EARTH.enu_ut @ motion.rotation, motor_current_a=0.0)
         case RayNeed():
             return RayScan(**place, distance_m=np.full(len(need.bearings_rad), 1.0), illuminance_lux=500.0)
+        case ImageNeed():
+            return Picture(
+                **place, rgb=sign_ahead(need), illuminance_lux=5_000.0, sign_xyz_m=np.array([0.83, 0.0, 0.0])
+            )
         case _:
             return motion
+
+
+def sign_ahead(
+    need: ImageNeed, size_px: int = 48, *, ground: tuple[int, int, int] = (110, 140, 80)
+) -> NDArray[np.uint8]:
+    """Picture of a stop sign, seen straight from the front in the middle, before something of one colour."""
+    rgb = np.full((need.height_px, need.width_px, 3), ground, dtype=np.uint8)
+    inside = np.zeros((size_px, size_px), dtype=np.uint8)
+    cv2.fillPoly(inside, [np.round(octagon(size_px) + 0.5 * (size_px - 1)).astype(np.int32)], 1)
+    top, left = (need.height_px - size_px) // 2, (need.width_px - size_px) // 2
+    part = rgb[top : top + size_px, left : left + size_px]
+    part[inside == 1] = draw_plate(size_px)[inside == 1]
+    return rgb
 
 
 def preset(name: str) -> dict[str, Any]:

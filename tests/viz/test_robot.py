@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from tests.viz.reading import entities_of, scalars, series
 from twin.execution import execute
 from twin.recording import Recording
 from twin.scenario import load
 from viz import entities
+from viz.check import empty_views, shown_entities, stored_views
 from viz.compose import scene_of
 from viz.rrd import write_rrd
 
@@ -41,6 +43,13 @@ near_noise_m = 0.0
 near_bias_m = 0.0
 far_noise_ratio = 0.0
 far_bias_ratio = 0.0
+[[signs]]
+east_m = 2.2
+north_m = 0.0
+heading_deg = 180.0
+[sensors.camera]
+preset = "camera_pi_v2"
+mount = "camera"
 [sensors.compass]
 preset = "mag_qmc5883l"
 mount = "magnetometer"
@@ -99,3 +108,44 @@ def test_plots_hold_field_strength_wheel_speeds_and_beams(drawn: tuple[Recording
     steady = (t_ns > 2.2e9) & (t_ns < 2.8e9)
     assert left[steady] == pytest.approx(0.4 / 0.033, rel=0.02)
     assert wanted[steady] == pytest.approx(0.4 / 0.033, rel=0.02)
+
+
+def test_a_sign_is_drawn_where_it_stands_with_its_word_upright(drawn: tuple[Recording, Path]) -> None:
+    recording, path = drawn
+    assert {entities.PLATES, entities.POSTS} <= entities_of(path)
+    scene = scene_of(recording)
+    np.testing.assert_allclose(scene.signs, [[2.2, 0.0, 0.25, np.pi, 0.15, -0.2]])
+    for chunk in RrdReader(path).stream().filter(content=f"/{entities.PLATES}"):
+        batch = chunk.to_record_batch()
+        corners = np.array(batch["Mesh3D:vertex_positions"].to_pylist()[0])
+        places = np.array(batch["Mesh3D:vertex_texcoords"].to_pylist()[0])
+    # Read by who looks east: the top of the picture is up, its left is north.
+    assert np.corrcoef(corners[:, 2], places[:, 1])[0, 1] == pytest.approx(-1.0)
+    assert np.corrcoef(corners[:, 1], places[:, 0])[0, 1] == pytest.approx(-1.0)
+
+
+def test_pictures_and_boxes_are_those_of_the_run(drawn: tuple[Recording, Path]) -> None:
+    recording, path = drawn
+    pictures, camera = recording.pictures["camera"], recording.measurements("camera")
+    t_ns, blobs = series(path, entities.picture("camera"), "EncodedImage:blob")
+    np.testing.assert_array_equal(t_ns, pictures.t_ns)
+    assert bytes(blobs.to_pylist()[3][0]) == pictures.jpeg[3]
+    t_ns, centres = series(path, entities.sign_box("camera"), "Boxes2D:centers")
+    np.testing.assert_array_equal(t_ns, camera.t_ns)
+    seen = camera.column("sign_seen")[:, 0]
+    assert [len(row) for row in centres.to_pylist()] == seen.tolist()
+    # On the way it is seen; at the end the robot has turned away by 30 degrees of the 31 there are.
+    assert seen.sum() > 5
+    first = int(np.flatnonzero(seen)[0])
+    left, top, width, height = camera.values[first, 0, 3:]
+    np.testing.assert_allclose(centres.to_pylist()[first][0], [left + width / 2.0, top + height / 2.0])
+
+
+def test_the_layout_has_a_view_of_the_pictures(drawn: tuple[Recording, Path]) -> None:
+    _, path = drawn
+    (view,) = [view for view in stored_views(path) if view.kind == "2D"]
+    assert view.origin == f"/{entities.picture('camera')}"
+    assert {f"/{entities.picture('camera')}", f"/{entities.sign_box('camera')}"} <= set(
+        shown_entities(view, [f"/{entity}" for entity in entities_of(path)])
+    )
+    assert not empty_views(path)

@@ -18,7 +18,15 @@ from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
 from twin.signals import JointNeed
 from twin.validation import did_you_mean
-from twin.world import LightConfig, MachineConfig, MagneticsConfig, OrchardConfig, SoilConfig, TerrainConfig
+from twin.world import (
+    LightConfig,
+    MachineConfig,
+    MagneticsConfig,
+    OrchardConfig,
+    SignsConfig,
+    SoilConfig,
+    TerrainConfig,
+)
 from twin.world.terrain import FileTerrain
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -139,6 +147,8 @@ class Scenario(Config):
     soil: SoilConfig
     orchard: OrchardConfig = OrchardConfig()
     """Trees; without them there are none."""
+    signs: SignsConfig = ()
+    """Stop signs."""
     light: LightConfig = LightConfig()
     """How bright it is."""
     magnetics: MagneticsConfig = MagneticsConfig()

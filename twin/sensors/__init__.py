@@ -12,6 +12,7 @@ from pydantic import Field
 
 from twin.sensors.accosat import AccoSat, AccoSatConfig
 from twin.sensors.base import Sample, Sensor, SensorConfig
+from twin.sensors.camera import Camera, CameraConfig
 from twin.sensors.gnss import Gnss, GnssConfig
 from twin.sensors.imu import Imu, ImuConfig
 from twin.sensors.lidar import Lidar, LidarConfig
@@ -29,7 +30,14 @@ __all__ = [
 ]
 
 AnySensorConfig = (
-    ImuConfig | RadarConfig | AccoSatConfig | GnssConfig | WheelEncodersConfig | MagnetometerConfig | LidarConfig
+    ImuConfig
+    | RadarConfig
+    | AccoSatConfig
+    | GnssConfig
+    | WheelEncodersConfig
+    | MagnetometerConfig
+    | LidarConfig
+    | CameraConfig
 )
 SensorConfigUnion = Annotated[AnySensorConfig, Field(discriminator="kind")]
 
@@ -57,5 +65,7 @@ def build_sensor(  # noqa: PLR0911  (one for each kind)
             return Magnetometer(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case LidarConfig():
             return Lidar(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case CameraConfig():
+            return Camera(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case _:
             assert_never(config)

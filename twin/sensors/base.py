@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from twin.config import Config, NonNegative, Positive, Probability
+from twin.jpeg import EncodedPicture
 from twin.sensors import kernels
 from twin.sensors.fault_config import FaultContext
 from twin.sensors.fault_effects import Delivery
@@ -82,6 +83,8 @@ class Sample:
     """(R, m) over ``hidden_columns``."""
     events: tuple[Event, ...] = ()
     """Faults that began or ended since the sample before."""
+    pictures: tuple[EncodedPicture, ...] = ()
+    """What the first run's camera saw, for the record; dropouts and faults do not touch it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +97,8 @@ class Reading:
     """(n,), NaN for columns that have no truth (sigmas, counts) or none now."""
     hidden: FloatArray
     """(R, h) over ``extra_hidden_columns``."""
+    pictures: tuple[EncodedPicture, ...] = ()
+    """Of the first run, for the record."""
 
 
 class Sensor(ABC):
@@ -189,13 +194,15 @@ class Sensor(ABC):
         self.skip()
         if not self._faults and self._dropout_stream is None:
             measurement = self._measurement(reading.values, self._all_valid, stamp_ns, t_ns + latency_ns)
-            return Sample(measurements=(measurement,), hidden=self._hidden(reading, stamp_ns - t_ns))
+            hidden = self._hidden(reading, stamp_ns - t_ns)
+            return Sample(measurements=(measurement,), hidden=hidden, pictures=reading.pictures)
         delivery = Delivery(values=reading.values, valid=self._mask(), stamp_ns=stamp_ns, latency_ns=latency_ns)
         self._faults.apply(delivery)
         self._wrap(delivery.values, self._wrapped)
         # Before lost samples become NaN: the record keeps the errors they would have had.
         hidden = self._hidden(reading, delivery.stamp_ns - t_ns)
-        return Sample(measurements=self._deliver(delivery, t_ns), hidden=hidden, events=events)
+        measurements = self._deliver(delivery, t_ns)
+        return Sample(measurements=measurements, hidden=hidden, events=events, pictures=reading.pictures)
 
     def skip(self) -> None:
         """Let the sample that is due go by: only the schedule moves on (all runs share it)."""

@@ -7,7 +7,16 @@ from twin.world.light import LightConfig
 from twin.world.machines import MachineConfig
 from twin.world.magnetics import MagneticsConfig
 from twin.world.orchard import OrchardConfig
+from twin.world.signs import SignsConfig
 from twin.world.soil import SoilConfig
 from twin.world.terrain import TerrainConfig
 
-__all__ = ["LightConfig", "MachineConfig", "MagneticsConfig", "OrchardConfig", "SoilConfig", "TerrainConfig"]
+__all__ = [
+    "LightConfig",
+    "MachineConfig",
+    "MagneticsConfig",
+    "OrchardConfig",
+    "SignsConfig",
+    "SoilConfig",
+    "TerrainConfig",
+]

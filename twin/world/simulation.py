@@ -8,6 +8,8 @@ trunk is part of the truth, and a run ends where they touch.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Any, Self
 
 import numpy as np
@@ -37,6 +39,7 @@ from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.magnetics import Magnetics, MagneticsConfig
 from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
+from twin.world.signs import SignConfig, put_up
 from twin.world.soil import Soil, SoilConfig
 from twin.world.statics import spring_preloads, static_loads
 from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
@@ -65,8 +68,8 @@ class World:
     sensor needs is shown to whoever :meth:`watch`-es it.
 
     Raises:
-        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree or
-            a magnet does not lie on it.
+        BadInputError: the machine's URDF cannot be used, or the machine does not start on the terrain, or a tree, a
+            sign or a magnet does not lie on it.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class World:
         soil: Soil,
         machine: MachineModel,
         trunks: FloatArray | None = None,
+        signs: Sequence[SignConfig] = (),
         magnetics: MagneticsConfig | None = None,
         light: LightConfig | None = None,
         seed: int,
@@ -83,6 +87,7 @@ class World:
     ) -> None:
         self.terrain = terrain
         self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
+        self.signs = put_up(signs, terrain)
         self._light = light if light is not None else LightConfig()
         self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
         self.machine = machine
@@ -91,6 +96,8 @@ class World:
         self.tick = 0
         self._dt_s = dt_ns / NS_PER_S
         self._body = PhysicsBody(machine.urdf, self._dt_s)
+        self._open = ExitStack()
+        self._open.callback(self._body.close)
         try:
             self._prepare(soil)
             self._settle()
@@ -152,11 +159,13 @@ class World:
             joint_angles=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
             terrain=self.terrain,
             trunks=self.trunks,
+            signs=self.signs,
             magnetics=self.magnetics,
             light=self._light,
             current_a=lambda: self._drive.current_a,
             dt_ns=self.dt_ns,
         )
+        self._open.callback(self._watch.close)
         self._grid = (terrain := self.terrain).west_m, terrain.south_m, terrain.cell_m
         self.truth_columns = self._name_columns()
         self._truth_head = np.zeros(11 + 3 * len(self._rows))
@@ -336,7 +345,7 @@ class World:
 
     def close(self) -> None:
         """Disconnect from pybullet; may be called more than once."""
-        self._body.close()
+        self._open.close()
 
     def __enter__(self) -> Self:
         return self
@@ -354,13 +363,14 @@ def build_world(
     dt_ns: int = 2_000_000,
     path: FloatArray | None = None,
     orchard: OrchardConfig | None = None,
+    signs: Sequence[SignConfig] = (),
     magnetics: MagneticsConfig | None = None,
     light: LightConfig | None = None,
 ) -> World:
     """Make the world of a scenario.
 
     ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
-    made to cover it with the machine's reach around (and all trees), or, if its size is configured, has to.
+    made to cover it with the machine's reach around (and all trees and signs), or, if its size is configured, has to.
 
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
@@ -369,7 +379,8 @@ def build_world(
     points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
     wanted = wanted_extent(points, machine.reach_m)
     trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
-    covered = wanted_extent(np.vstack([points, trunks[:, :2]]), machine.reach_m)
+    posts = np.array([(sign.east_m, sign.north_m) for sign in signs]).reshape(-1, 2)
+    covered = wanted_extent(np.vstack([points, trunks[:, :2], posts]), machine.reach_m)
     ground = build_terrain(terrain, seed=seed, extent=covered)
     west, south, east, north = ground.extent
     if (
@@ -387,6 +398,7 @@ def build_world(
         soil=soil.soil(),
         machine=model,
         trunks=trunks,
+        signs=signs,
         magnetics=magnetics,
         light=light,
         seed=seed,

@@ -16,6 +16,7 @@ from twin.signals import (
     NS_PER_S,
     Capture,
     FloatArray,
+    ImageNeed,
     JointMotion,
     JointNeed,
     MagneticField,
@@ -24,6 +25,7 @@ from twin.signals import (
     Mount,
     MountMotion,
     Need,
+    Picture,
     RayNeed,
     RayScan,
 )
@@ -31,6 +33,7 @@ from twin.world import dynamics
 from twin.world.beams import cast, swept_beams
 from twin.world.light import LightConfig
 from twin.world.magnetics import Magnetics
+from twin.world.pictures import Scenery
 from twin.world.terrain import Terrain
 from twin.world.urdf import Urdf
 
@@ -49,6 +52,7 @@ class Watch:
         joint_angles: (J,) angles of all joints, likewise.
         terrain: the ground.
         trunks: the trees on it (see :mod:`twin.world.orchard`).
+        signs: the stop signs on it (see :mod:`twin.world.signs`).
         magnetics: the magnetic field.
         light: how bright it is.
         current_a: tells the current that the motors draw.
@@ -63,6 +67,7 @@ class Watch:
         joint_angles: FloatArray,
         terrain: Terrain,
         trunks: FloatArray,
+        signs: FloatArray,
         magnetics: Magnetics,
         light: LightConfig,
         current_a: Callable[[], float],
@@ -77,6 +82,8 @@ class Watch:
         self._angles = joint_angles
         self._terrain = terrain
         self._trunks = trunks
+        self._signs = signs
+        self._scenery: Scenery | None = None
         self._magnetics = magnetics
         self._light = light
         self._current_a = current_a
@@ -119,6 +126,8 @@ class Watch:
                 )
             case RayNeed():
                 return self._scan(name, need, tick)
+            case ImageNeed():
+                return self._picture(need, tick)
             case _:
                 assert_never(need)
 
@@ -143,6 +152,26 @@ class Watch:
         cast(origins, directions, need.reach_m, self._trunks, ground.heights, *grid, highest, distance)
         lux = self._light.at(t_ns / NS_PER_S)
         return RayScan(t_ns=t_ns, position_enu_m=now[0], distance_m=distance, illuminance_lux=lux)
+
+    def _picture(self, need: ImageNeed, tick: int) -> Picture:
+        """What is seen now; the scenery is built when the first picture is taken."""
+        if self._scenery is None:
+            self._scenery = Scenery(self._terrain, self._trunks, self._signs)
+        position, rotation = self._pose(need.mount)
+        t_ns = tick * self._dt_ns
+        return Picture(
+            t_ns=t_ns,
+            position_enu_m=position,
+            rgb=self._scenery.picture(need, position, rotation),
+            illuminance_lux=self._light.at(t_ns / NS_PER_S),
+            sign_xyz_m=self._scenery.nearest_sign(position, rotation),
+        )
+
+    def close(self) -> None:
+        """Put the scenery away, if there is one."""
+        if self._scenery is not None:
+            self._scenery.close()
+            self._scenery = None
 
     def _accumulate(self, name: str, need: MotionNeed, tick: int) -> None:
         mount, body = mount_row(need.mount), self._urdf.link_index(need.mount.body)

@@ -7,6 +7,7 @@ from viz.layers.field_and_wheels import draw_field_strength, draw_wheel_speeds
 from viz.layers.ground import draw_ground
 from viz.layers.machine import draw_machine
 from viz.layers.measurements import draw_measured_positions
+from viz.layers.pictures import draw_pictures
 from viz.layers.plots import draw_motion_plots, draw_row_speed_plots
 from viz.layers.receivers import draw_receivers
 from viz.layers.scans import draw_scans
@@ -31,6 +32,7 @@ LAYERS: tuple[Layer, ...] = (
     draw_field_strength,
     draw_wheel_speeds,
     draw_scans,
+    draw_pictures,
     draw_receivers,
     draw_states,
     draw_events,
