@@ -33,8 +33,8 @@ E, PSI, RATE, WE, WPSI = range(5)
 SIZE = 5
 _SLOPE_SHARE = 1.0 / 3.0
 _SWING_RAD = 0.1
-"""A machine in a lane turns back what it turned: a scale error makes an angle error of no more than its swings. Taken for
-white it has to be that of a swing of this size; a choice."""
+"""A machine in a lane turns back what it turned: a scale error makes an angle error of no more than its swings. Taken
+for white it has to be that of a swing of this size; a choice."""
 
 
 class RowMotion:
