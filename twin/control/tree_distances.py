@@ -18,6 +18,9 @@ It swings: a wavelength of 2 pi sqrt(v / (2 k sin(b))), 3.1 m at 0.5 m/s beside 
 from the lever l; a delay T (turn of the lidar, motors) takes away: its damping is that of a lever of l - v T. With
 l = 5.5 cm and T about 0.3 s the swings die down below 0.18 m/s and grow above. The paper's field of four trees is over
 before the first swing is.
+
+From pair to pair sin(b) falls and rises with the trees' spacing. Where the wavelength is twice the spacing, that
+pumps it (Mathieu's equation): with trees 1 m apart and a mean sine of 0.75 at v = 2 k sin(b) (1 m / pi)^2 = 0.15 m/s.
 """
 
 from __future__ import annotations
