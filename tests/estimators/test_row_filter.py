@@ -136,6 +136,19 @@ def test_inertial_unit_and_wheels_go_together(kinds: tuple[str, ...], given: str
         make(*kinds)
 
 
+def test_no_turn_of_the_inertial_unit_may_be_left_out() -> None:
+    with pytest.raises(BadInputError, match=r"rate_hz = 20: has to be at least the 50 Hz of 'imu'"):
+        make("imu", "wheel_encoders", rate_hz=20.0)
+
+
+def test_a_gyroscope_bias_that_is_not_known_yet_is_allowed_for() -> None:
+    # Three degrees a second, before anything could be learnt: NEES of every instant of the standstill stays small.
+    robot = Robot(make("imu", "wheel_encoders"), gyro_bias=0.05, noise=1.0).go(2.9)
+    errors, P = robot.errors(0.3), np.array(robot.covariance)[np.array(robot.times) > 0.3]
+    nees = np.einsum("ti,tij,tj->t", errors, np.linalg.inv(P), errors)
+    assert nees.max() < 18.4  # once in 10 000 draws
+
+
 def test_a_scan_is_straightened_while_the_robot_turns() -> None:
     # At 1 rad/s the first beam of a turn is 0.2 rad old: rows fitted to the raw scan point 0.1 rad the wrong way.
     def swing(t: float) -> float:

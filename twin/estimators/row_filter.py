@@ -256,6 +256,11 @@ def _dead_reckoning(config: RowFilterConfig, setup: EstimatorSetup, count: dict[
     others = {name: info for name, info in setup.sensors.items() if info.kind != LIDAR}
     imu = next(info for info in others.values() if info.kind == IMU)
     encoders = next(info for info in others.values() if info.kind == WHEEL_ENCODERS)
+    if config.rate_hz < imu.rate_hz:
+        raise BadInputError(
+            f"[estimators.{setup.name}] rate_hz = {config.rate_hz:g}: has to be at least the {imu.rate_hz:g} Hz of"
+            f" {imu.name!r}, whose every turn counts"
+        )
     options = config.heading or HeadingFilterConfig(kind="heading_filter", sensors=tuple(others), wheels=WHEELS)
     heading = HeadingFilter(options, replace(setup, sensors=others))
     wheels = options.wheels

@@ -26,8 +26,7 @@ import numpy as np
 from twin.estimators.heading_filter import HeadingFilter
 from twin.estimators.heading_noise import HeadingNoiseConfig, Sheet
 from twin.estimators.wheel_odometry import Odometer
-from twin.geometry import wrap_angle
-from twin.signals import HEADING, NS_PER_S, BoolArray, FloatArray, Measurement, SensorInfo
+from twin.signals import NS_PER_S, YAW_RATE, BoolArray, FloatArray, Measurement, SensorInfo
 
 E, PSI, RATE, WE, WPSI = range(5)
 SIZE = 5
@@ -143,7 +142,10 @@ class Unknown:
 
 
 class HeadingAndWheels:
-    """The heading filter's turns and the wheels' way."""
+    """The turns of the gyroscope as the heading filter levels it and takes its bias off, and the wheels' way.
+
+    Not the differences of its heading: that jumps when the filter learns what it held for a turn was bias.
+    """
 
     counts_way = True
 
@@ -164,9 +166,8 @@ class HeadingAndWheels:
         self._sideslip = sideslip_m_rtm**2
         self._way: FloatArray = np.zeros(runs)
         self._runs = runs
-        self._last: FloatArray | None = None
         columns = heading.columns
-        self._places = [columns.index(name) for name in (HEADING, "resting", "gyro_bias_z_rad_s")]
+        self._places = [columns.index(name) for name in (YAW_RATE, "resting", "gyro_bias_z_rad_s")]
         self._resting: BoolArray = np.zeros(runs, dtype=np.bool_)
         self._bias_variance: FloatArray = np.full(runs, self._sheet.bias**2)
 
@@ -187,10 +188,9 @@ class HeadingAndWheels:
     def step(self, t_ns: int, dt_s: float, motion: RowMotion) -> tuple[FloatArray, FloatArray]:
         """Turn and way since the last step."""
         estimate = self._heading.estimate(t_ns)
-        heading, resting, _ = (estimate.values[:, place] for place in self._places)
+        rate, resting, _ = (estimate.values[:, place] for place in self._places)
         bias_sigma = estimate.sigmas[:, self._places[2]]
-        turned = np.zeros(self._runs) if self._last is None else wrap_angle(heading - self._last)
-        self._last = heading
+        turned = dt_s * rate
         way, self._way = self._way, np.zeros(self._runs)
         self._resting, self._bias_variance = resting > 0.5, bias_sigma**2
         sheet = self._sheet
