@@ -69,7 +69,6 @@ def test_ours_drives_forty_metres_in_any_world(seed: int) -> None:
     assert _states(recording) == [STANDING, DRIVING, STOPPED_AT_END]
     metrics = verdict.metrics
     assert metrics["truth.lane.max_abs_offset_m"] < ROOM_M / 3.0
-    # Of eight worlds one has wheels that differ by twice the sigma: see the scenario's notes.
     assert metrics["truth.lane.rms_offset_m"] < 0.042
     assert metrics["truth.clearance.touched"] == 0.0
 
