@@ -11,8 +11,10 @@ from typing import Annotated, Any, Protocol
 from pydantic import Discriminator, Tag
 
 from twin.control.heading_hold import HeadingHold, HeadingHoldConfig
+from twin.control.lane_following import LaneFollowing, LaneFollowingConfig
 from twin.control.lane_keeping import LaneDriverConfig
 from twin.control.path_following import PathDriver, PathDriverConfig
+from twin.control.tree_distances import TreeDistancesDriver, TreeDistancesDriverConfig
 from twin.geometry import Path
 from twin.signals import Command, Knowledge
 
@@ -23,7 +25,9 @@ __all__ = [
     "DriverConfigUnion",
     "HeadingHoldConfig",
     "LaneDriverConfig",
+    "LaneFollowingConfig",
     "PathDriverConfig",
+    "TreeDistancesDriverConfig",
     "build_driver",
 ]
 
@@ -47,7 +51,7 @@ class Driver(Protocol):
         """Return what the driver asks of the machine now; called every ``interval_s``."""
 
 
-AnyDriverConfig = PathDriverConfig | HeadingHoldConfig
+AnyDriverConfig = PathDriverConfig | HeadingHoldConfig | TreeDistancesDriverConfig | LaneFollowingConfig
 
 
 def _kind(value: Any) -> Any:
@@ -56,7 +60,11 @@ def _kind(value: Any) -> Any:
 
 
 DriverConfigUnion = Annotated[
-    Annotated[PathDriverConfig, Tag("path")] | Annotated[HeadingHoldConfig, Tag("heading_hold")], Discriminator(_kind)
+    Annotated[PathDriverConfig, Tag("path")]
+    | Annotated[HeadingHoldConfig, Tag("heading_hold")]
+    | Annotated[TreeDistancesDriverConfig, Tag("tree_distances")]
+    | Annotated[LaneFollowingConfig, Tag("lane_following")],
+    Discriminator(_kind),
 ]
 
 
@@ -76,3 +84,7 @@ def build_driver(
             return PathDriver(config, start_e_n_heading=start_e_n_heading, wheelbase_m=wheelbase_m, seed=seed)
         case HeadingHoldConfig():
             return HeadingHold(config, start_e_n_heading=start_e_n_heading)
+        case TreeDistancesDriverConfig():
+            return TreeDistancesDriver(config, start_e_n_heading=start_e_n_heading)
+        case LaneFollowingConfig():
+            return LaneFollowing(config, start_e_n_heading=start_e_n_heading)

@@ -1,6 +1,7 @@
 """What all drivers share that keep a machine in a lane on their own: the axis, the way made, the sign, the end.
 
-A lane is a straight axis that begins where the machine stands and points where it points. Such a driver stands for a
+A lane is a straight axis that begins where the machine stands and points where it points, or as far beside it and at
+such an angle to it as ``start_offset_m`` and ``start_heading_deg`` say. Such a driver stands for a
 while (filters calibrate), drives by its own law (:meth:`LaneDriver.steer`), and ends in one of two ways: its camera has
 seen the stop sign in several pictures running, or the lane's length is behind it, sign or no sign, so that a sign it
 missed does not end the drive in the hedge. The way made is that of an odometer (an estimator of position), or, without
@@ -36,6 +37,10 @@ class LaneDriverConfig(Config):
     """How fast the speed is changed, both ways."""
     lane_m: Annotated[float, Field(gt=0.0, le=10_000.0)]
     """Length of the lane from the start: where the machine stops at the latest."""
+    start_offset_m: float = 0.0
+    """Of the machine from the lane's axis at the start, positive to the left."""
+    start_heading_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0
+    """Of the machine against the lane's axis at the start, positive to the left."""
     stand_s: NonNegative = 0.0
     """Time at the beginning in which the machine stands and its filters calibrate."""
     camera: str | None = None
@@ -77,6 +82,9 @@ class LaneDriver(ABC):
 
     def __init__(self, config: LaneDriverConfig, *, start_e_n_heading: tuple[float, float, float]) -> None:
         east, north, heading = start_e_n_heading
+        heading -= math.radians(config.start_heading_deg)
+        east += config.start_offset_m * math.sin(heading)
+        north -= config.start_offset_m * math.cos(heading)
         self.path = Path(east_m=east, north_m=north, heading_rad=heading, pieces=[(config.lane_m, 0.0)])
         self.segment = config.states.index(STANDING)
         """Index of the state among ``segment_names``."""
@@ -86,7 +94,7 @@ class LaneDriver(ABC):
         self.way_m = 0.0
         """Made along the lane so far, as far as the driver knows."""
         self._lane = config
-        self._start = start_e_n_heading
+        self._start = east, north, heading
         self._watch = _SignWatch(config)
 
     @property

@@ -16,9 +16,11 @@ from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
 from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
 from twin.estimators.heading_madgwick import HeadingMadgwick, HeadingMadgwickConfig
 from twin.estimators.ins_build import RowSpeedInsConfig
+from twin.estimators.row_filter import RowFilter, RowFilterConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
 from twin.estimators.row_speed_ins import RowSpeedIns
 from twin.estimators.speed_only import GnssSpeedOnlyConfig, RadarOnlyConfig, SpeedOnly
+from twin.estimators.tree_distances import TreeDistances, TreeDistancesConfig
 from twin.estimators.wheel_odometry import WheelOdometry, WheelOdometryConfig
 from twin.signals import Estimator, EstimatorSetup
 
@@ -32,8 +34,10 @@ __all__ = [
     "HeadingMadgwickConfig",
     "PluginConfig",
     "RadarOnlyConfig",
+    "RowFilterConfig",
     "RowSpeedEkfConfig",
     "RowSpeedInsConfig",
+    "TreeDistancesConfig",
     "WheelOdometryConfig",
     "build_estimator",
     "load_class",
@@ -44,11 +48,12 @@ HeadingFilterUnion = (
     HeadingComplementaryConfig | HeadingMadgwickConfig | HeadingKalmanConfig | HeadingFilterConfig | WheelOdometryConfig
 )
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
-AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | PluginConfig
+LaneUnion = RowFilterConfig | TreeDistancesConfig
+AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
-def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:  # noqa: PLR0911
+def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:  # noqa: C901, PLR0911
     """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
 
     Raises:
@@ -71,5 +76,9 @@ def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estima
             return HeadingFilter(config, setup)
         case WheelOdometryConfig():
             return WheelOdometry(config, setup)
+        case RowFilterConfig():
+            return RowFilter(config, setup)
+        case TreeDistancesConfig():
+            return TreeDistances(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

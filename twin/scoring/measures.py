@@ -13,7 +13,17 @@ from typing import Literal
 
 import numpy as np
 
-from twin.signals import HEADING, POSITION, SPEED, YAW_RATE, FloatArray, row_position, row_speed
+from twin.signals import (
+    HEADING,
+    LANE_HEADING,
+    LANE_OFFSET,
+    POSITION,
+    SPEED,
+    YAW_RATE,
+    FloatArray,
+    row_position,
+    row_speed,
+)
 
 Reduction = Literal["mean", "max", "rms", "last", "time_to"]
 Errors = FloatArray
@@ -55,6 +65,8 @@ def measures_of(
     for family in (_row_speed, _row_position, _position):
         measures += family(list(columns), counted_rows, limits)
     measures += _scalar(list(columns), HEADING, "heading", "deg", 180.0 / np.pi)
+    measures += _scalar(list(columns), LANE_OFFSET, "lane_offset", "m", 1.0)
+    measures += _scalar(list(columns), LANE_HEADING, "lane_heading", "deg", 180.0 / np.pi)
     measures += _scalar(list(columns), SPEED, "speed", "m_s", 1.0)
     measures += _scalar(list(columns), YAW_RATE, "yaw_rate", "rad_s", 1.0)
     return measures
