@@ -25,8 +25,8 @@ from twin.signals import BoolArray, FloatArray
 
 _QUICK_S, _SLOW_S = 0.5, 4.0
 """The two means of what is claimed and shown; a choice: 0.2 deg/s makes 0.7 deg between them."""
-_SEEN_SIGMAS = 6.0
-"""A claim of so many standard deviations can be seen; half of it is then three of them off."""
+_SEEN_SIGMAS = 4.0
+"""A claim of so many standard deviations can be seen; half of it is then two of them off, for as long as rest takes."""
 _POSSIBLE_SIGMAS = 3.0
 """A change of the bias is within so many of what the data sheet grants it."""
 
