@@ -8,9 +8,9 @@ A reading that alone makes the spread too large is motion, and what was gathered
 may follow: mean and spread begin anew with it. (Left to fade, a turn of 90 deg/s would be seen in them for 8 s.)
 
 **A bias that has changed.** A gyroscope that reads an even rate beyond its bias may turn, or its bias has changed (it
-warms up, it was knocked). The magnetometer tells: its field turns along with the one and stands with the other. So the
-difference between a quick and a slow mean of the field's direction is compared with that of the angle the gyroscope
-claims. If the claim is large enough to be seen and the field shows less than half of it, the machine rests.
+warms up, it was knocked). The magnetometer tells: its field turns along with the one and stands with the other. So a
+line is laid through the last seconds of the field's direction, and one through the angle that the gyroscope claims. If
+its claim is steep enough to be seen and the field shows less than half of it, the machine rests.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from twin.config import Config, NonNegative, Positive
 from twin.geometry import wrap_angle
 from twin.signals import BoolArray, FloatArray
 
-_QUICK_S, _SLOW_S = 0.5, 4.0
-"""The two means of what is claimed and shown; a choice: 0.2 deg/s makes 0.7 deg between them."""
+_MEMORY_S = 4.0
+"""Over which the lines are laid (exponentially); a choice: a compass of 1 deg tells 0.07 deg/s then."""
+_SILENT_S = 0.5
+"""Without a field for so long nothing is compared."""
 _SEEN_SIGMAS = 4.0
 """A claim of so many standard deviations can be seen; half of it is then two of them off, for as long as rest takes."""
 _POSSIBLE_SIGMAS = 3.0
@@ -128,13 +130,20 @@ class RestDetector:
 
 
 class _Claims:
-    """A quick and a slow mean of the angle that the gyroscope claims, and of the field's direction."""
+    """Lines through the angle that the gyroscope claims and the one that the field shows, by weighted least squares.
+
+    Time counts back from now, so that the moments of the samples' times and angles are moved on with every step; old
+    samples fade. Each is of shape (R,) or, of both angles, (2, R).
+    """
 
     def __init__(self, runs: int) -> None:
-        self._claimed: FloatArray = np.zeros(runs)
+        self._angles: FloatArray = np.zeros((2, runs))
         self._last: FloatArray = np.full(runs, np.nan)
-        self._shown: FloatArray = np.zeros(runs)
-        self._between: FloatArray = np.zeros((2, 2, runs))
+        self._silent_s: FloatArray = np.zeros(runs)
+        self._moments: FloatArray = np.zeros((3, runs))
+        """Sums of 1, t and t^2."""
+        self._products: FloatArray = np.zeros((2, 2, runs))
+        """Sums of y and t y."""
 
     def step(
         self,
@@ -147,15 +156,28 @@ class _Claims:
         dt_s: float,
     ) -> BoolArray:
         """Whether the field shows that what the gyroscope claims is none, (R,)."""
-        self._claimed = np.where(calm, self._claimed + rate * dt_s, 0.0)
+        self._silent_s = np.where(new, 0.0, self._silent_s + dt_s)
+        going = calm & (self._silent_s < _SILENT_S)
         # A body that turns to the left sees the field turn to the right.
-        moved = np.where(new & ~np.isnan(self._last), wrap_angle(direction - self._last), 0.0)
-        self._shown = np.where(calm, self._shown - moved, 0.0)
+        shown = -np.where(new & ~np.isnan(self._last), wrap_angle(direction - self._last), 0.0)
         self._last = np.where(new, direction, self._last)
-        angles = np.stack([self._claimed, self._shown])
-        weights = np.array([dt_s / (_QUICK_S + dt_s), dt_s / (_SLOW_S + dt_s)])
-        self._between = self._between + weights[:, np.newaxis, np.newaxis] * (angles - self._between)
-        self._between = np.where(calm, self._between, 0.0)
-        claim, shown = np.abs(self._between[0] - self._between[1])
-        noise = sigma * np.sqrt(0.5 * weights[0])
-        return np.asarray(calm & (claim >= _SEEN_SIGMAS * noise) & (shown <= 0.5 * claim))
+        self._angles = np.where(going, self._angles + np.stack([rate * dt_s, shown]), 0.0)
+        self._fade(dt_s)
+        self._moments[0] += new
+        self._products[0] += np.where(new, self._angles, 0.0)
+        self._moments = np.where(going, self._moments, 0.0)
+        self._products = np.where(going, self._products, 0.0)
+        (count, first, second), (sums, crossed) = self._moments, self._products
+        spread = count * second - first * first
+        seen = spread > 1e-9
+        spread = np.where(seen, spread, 1.0)
+        claim, show = np.abs((count * crossed - first * sums) / spread)
+        return np.asarray(seen & going & (claim >= _SEEN_SIGMAS * sigma * np.sqrt(count / spread)) & (show <= 0.5 * claim))
+
+    def _fade(self, dt_s: float) -> None:
+        """Move the samples' times back by a step, and let them fade."""
+        count, first, second = self._moments
+        kept = np.exp(-dt_s / _MEMORY_S)
+        self._moments = kept * np.stack([count, first - dt_s * count, second - 2.0 * dt_s * first + dt_s**2 * count])
+        sums, crossed = self._products
+        self._products = kept * np.stack([sums, crossed - dt_s * sums])
