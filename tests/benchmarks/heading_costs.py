@@ -1,7 +1,7 @@
 """Table 6 of paper 001 beside ours: what each heading filter costs per update, and what it holds in memory.
 
-``python -m tests.benchmarks.heading_costs`` prints it. An update is one inertial sample with what else the filter hears,
-and the question for its estimate. All filters run in one process, one after the other, over the same drive.
+``python -m tests.benchmarks.heading_costs`` prints it. An update is one inertial sample with what else the filter
+hears, and the question for its estimate. All filters run in one process, one after the other, over the same drive.
 
 **What can be compared.** The paper gives per cents of a Raspberry Pi's processor and memory for a whole ROS node: a
 Python interpreter, its libraries, a subscriber at 50 Hz and the filter; the same node with the least of the filters
@@ -133,10 +133,8 @@ def _quickest_s(task: Work) -> float:
 def table(costs: dict[str, Cost]) -> str:
     """Table 6 with ours beside it, as text."""
     least = costs["complementary"]
-    lines = [
-        f"{'filter':<26}{'us/update':>10}{'ratio':>7}{'us/member':>11}{'held kB':>9}{'peak kB':>9}"
-        f"{'paper CPU %':>13}{'ratio':>7}{'paper mem %':>13}"
-    ]
+    head = f"{'filter':<26}{'us/update':>10}{'ratio':>7}{'us/member':>11}{'held kB':>9}{'peak kB':>9}"
+    lines = [head + f"{'paper CPU %':>13}{'ratio':>7}{'paper mem %':>13}"]
     for name, found in costs.items():
         line = (
             f"{name:<26}{found.update_us:>10.1f}{found.update_us / least.update_us:>7.2f}{found.member_us:>11.2f}"

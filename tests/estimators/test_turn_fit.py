@@ -1,4 +1,4 @@
-"""What a whole turn tells: hard iron, the ellipse, and the gyroscope's scale; and that less than a turn tells nothing."""
+"""What a whole turn tells: hard iron, the ellipse, the gyroscope's scale; and that less than a turn tells nothing."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def test_the_sigma_of_the_scale_is_what_its_errors_have_over_many_draws() -> Non
     errors = found.rate_factor - 1.0 / 1.02
     # 300 draws tell a standard deviation to 4 %: 0.83 to 1.17 are four of those.
     assert 0.83 < np.sqrt(np.mean((errors / found.rate_sigma) ** 2)) < 1.17
-    # 0.3 uT in 25.7 is 0.0117 rad; 700 samples about an angle spread evenly over 2 pi, 1.81 rad rms about its mean, would
-    # tell a slope to 0.0117 / (sqrt(700) 1.81) = 0.024 % if nothing else were sought, and what else is sought costs some.
+    # 0.3 uT in 25.7 is 0.0117 rad; 700 samples over angles spread evenly over 2 pi, 1.81 rad rms about their mean,
+    # would tell a slope to 0.0117 / (sqrt(700) 1.81) = 0.024 % if nothing else were sought; all else costs some.
     assert 0.00024 < found.rate_sigma.mean() < 0.0024
 
 

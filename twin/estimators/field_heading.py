@@ -93,9 +93,7 @@ class FieldHeading:
         """What a hidden tilt does can be told once the place's dip is known."""
         if self._hidden_tilt_rad == 0.0:
             return
-        by_tilt = np.where(
-            np.isnan(self._detector.dip), 0.0, (self._hidden_tilt_rad * np.tan(self._detector.dip)) ** 2
-        )
+        by_tilt = np.where(np.isnan(self._detector.dip), 0.0, (self._hidden_tilt_rad * np.tan(self._detector.dip)) ** 2)
         more = np.maximum(by_tilt - self._by_tilt, 0.0)
         self._by_tilt = by_tilt
         if more.any():

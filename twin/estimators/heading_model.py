@@ -17,8 +17,8 @@ V      2    horizontal velocity, world axes, m/s
 
 Motion, with w = gyroscope - b:  theta' = -C_held (db),  b' = white,  D fades with time and with the angle turned (iron
 that the body carries pushes the field another way after a turn) and is driven by white noise,  C' = white with the way
-and the turn,  V' = the horizontal part of a + theta x a with a = C_held f. Observations: what each says of theta is linear, because
-theta lives in the axes in which gravity and north are fixed.
+and the turn,  V' = the horizontal part of a + theta x a with a = C_held f. Observations: what each says of theta is
+linear, because theta lives in the axes in which gravity and north are fixed.
 
 **Gravity** enters by the velocity. An accelerometer cannot tell a tilt from an acceleration, but a machine that stays
 about where it is cannot accelerate one way for long: its velocity is zero to within a metre a second or so, while a

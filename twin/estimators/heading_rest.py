@@ -172,7 +172,9 @@ class _Claims:
         seen = spread > 1e-9
         spread = np.where(seen, spread, 1.0)
         claim, show = np.abs((count * crossed - first * sums) / spread)
-        return np.asarray(seen & going & (claim >= _SEEN_SIGMAS * sigma * np.sqrt(count / spread)) & (show <= 0.5 * claim))
+        return np.asarray(
+            seen & going & (claim >= _SEEN_SIGMAS * sigma * np.sqrt(count / spread)) & (show <= 0.5 * claim)
+        )
 
     def _fade(self, dt_s: float) -> None:
         """Move the samples' times back by a step, and let them fade."""
