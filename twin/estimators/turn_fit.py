@@ -104,7 +104,7 @@ def _linearised(
 
 
 def _to_circle(earth: np.ndarray, ellipse: np.ndarray) -> FloatArray:
-    """u -> A (conj(A) u - B conj(u)) / (|A|^2 - |B|^2) as a matrix (R, 2, 2): one where B is zero."""
+    """Matrix (R, 2, 2) of u -> A (conj(A) u - B conj(u)) / (|A|^2 - |B|^2): one where B is zero."""
     across = np.abs(earth) ** 2 - np.abs(ellipse) ** 2
     across = np.where(across == 0.0, 1.0, across)
     straight, mirrored = np.abs(earth) ** 2 / across, -earth * ellipse / across
