@@ -3,11 +3,11 @@
 Under stress a check with ``percentile`` p is a statement about p % of the members: with ``max``, at least p % of them
 are at or below it; with ``min``, at least p % are at or above it (without a percentile it is about their mean). A
 ratio or a difference is taken member by member, since both metrics saw the same noise. With a ``confidence`` the
-statement is made with a distribution-free bound, the order statistic of the binomial law. In a single world members are independent. Over
-several worlds the world is the independent unit: the bound is then on the worlds' own percentiles, so a check that
-holds says that, with this confidence, at least p % of worlds keep the limit in at least p % of their members.
-Where there are too few members (or worlds) for the confidence asked for, the check fails: 59 are needed for 95 % at
-95 %.
+statement is made with a distribution-free bound, the order statistic of the binomial law. In a single world members are
+independent. Over several worlds the world is the independent unit: the bound is then on the worlds' own percentiles, so
+a check that holds says that, with this confidence, at least p % of worlds keep the limit in at least p % of their
+members. Where there are too few members (or worlds) for the confidence asked for, the check fails: 59 are needed for 95
+% at 95 %.
 """
 
 from __future__ import annotations
