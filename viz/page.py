@@ -60,15 +60,15 @@ def _checks(result: Mapping[str, Any]) -> Iterable[str]:
 
 def limit(check: Mapping[str, Any]) -> str:
     """Say what a check asks for, e.g. ``at most 0.06``, or ``at most 0.2 of radar_only's``."""
-    words = {"min": "at least", "max": "at most", "max_ratio": "at most"}
+    words = {"min": "at least", "max": "at most", "max_ratio": "at most", "max_difference": "at most"}
     asked = [f"{word} {number(check[key])}" for key, word in words.items() if check.get(key) is not None]
     text = " and ".join(asked)
-    other = check.get("ratio_to")
+    word, other = ("more than", check["difference_to"]) if "difference_to" in check else ("of", check.get("ratio_to"))
     if not other:
         return text
     estimator, _, rest = other.partition(".")
     # the same metric of another estimator need not be spelt out
-    return f"{text} of {estimator}'s" if check["metric"].endswith(f".{rest}") else f"{text} of {other}"
+    return f"{text} {word} {estimator}'s" if check["metric"].endswith(f".{rest}") else f"{text} {word} {other}"
 
 
 def _metrics(result: Mapping[str, Any]) -> Iterable[str]:

@@ -76,6 +76,24 @@ def test_a_slow_turn_is_not_lost_once_the_bias_is_known() -> None:
     assert abs(error) < 0.5
 
 
+def test_an_accelerometer_that_is_off_along_the_upward_axis_tips_nothing_over() -> None:
+    """0.9 m/s^2 too much (a cheap one may be 0.08 g off) for 20 s of turns would be a fall at 18 m/s."""
+    drive = noisy(turns(20.0, 50.0), ALL)
+    built = make(drive.setup(datasheet=SHEET))
+    worst = 0.0
+    for index, (t_ns, measurements) in enumerate(drive.ticks()):
+        for each in measurements:
+            if each.sensor == "imu":
+                each.values[:, 2] += 0.9
+            built.process(each)
+        values = built.estimate(t_ns).values[0]
+        worst = max(worst, *np.abs(values[1:3]))
+        error = np.rad2deg(wrap_angle(values[0] - drive.headings[index]))
+    # 1 m/s of a machine that may move, over the seconds for which a tilt would have to hide it: a degree or so.
+    assert np.rad2deg(worst) < 3.0
+    assert abs(error) < 3.0
+
+
 # --- magnets ---------------------------------------------------------------------------------------------------------
 
 

@@ -114,3 +114,39 @@ def test_readings_that_span_no_ellipsoid_are_refused() -> None:
         fit_ellipsoid(flat)
     with pytest.raises(BadInputError, match="at least 9"):
         fit_ellipsoid(everywhere(8, 4))
+
+
+def test_a_whole_turn_also_tells_soft_iron_and_the_gyroscopes_scale() -> None:
+    """Turned around and back with a gyroscope 2 % too quick: after it 50 deg are 50 deg, by rate and by field."""
+    soft, iron = np.diag([1.04, 0.97, 1.0]), np.array([15.0, -8.0, 30.0])
+    config = PreparationConfig(standstill_s=0.2, turn_s=12.0, turn_fit=True, filtered=False)
+    preparation = Preparation(config, step_s=0.02, runs=1)
+    rate = 2.0 * np.pi / 6.0
+    rates = np.concatenate([np.zeros(10), np.full(300, rate), np.full(300, -rate)])
+    for index, heading in enumerate(0.02 * np.cumsum(rates)):
+        field = field_at(heading) @ soft + iron
+        assert preparation.take(sample(index, rate=(0.0, 0.0, 1.02 * rates[index]), field=field)) is None
+    fifty = np.radians(50.0)
+    straight = preparation.take(sample(610, field=field_at(0.0) @ soft + iron))
+    turned = preparation.take(sample(611, rate=(0.0, 0.0, 1.02), field=field_at(fifty) @ soft + iron))
+    assert straight is not None
+    assert turned is not None
+    assert turned.rate[0, 2] == pytest.approx(1.0, abs=1e-6)
+    shown = [np.arctan2(each.field[0, 1], each.field[0, 0]) for each in (straight, turned)]
+    assert shown[0] - shown[1] == pytest.approx(fifty, abs=1e-6)
+    assert preparation.turned[0] == pytest.approx(0.0, abs=1e-9)
+    assert preparation.scale_sigma[0] < 1e-3
+
+
+def test_a_turn_that_was_not_whole_leaves_the_hard_iron_of_the_extremes() -> None:
+    iron = np.array([15.0, -8.0, 30.0])
+    config = PreparationConfig(standstill_s=0.2, turn_s=4.0, turn_fit=True, filtered=False)
+    preparation = Preparation(config, step_s=0.02, runs=1)
+    rate = np.radians(270.0) / 4.0
+    heading = np.concatenate([np.zeros(10), rate * 0.02 * np.arange(1, 201)])
+    for index, now in enumerate(heading):
+        preparation.take(sample(index, rate=(0.0, 0.0, rate * (index >= 10)), field=field_at(now) + iron))
+    preparation.take(sample(210, field=field_at(heading[-1]) + iron))
+    seen = field_at(heading[10:])[:, :2]
+    np.testing.assert_allclose(preparation.hard_iron[0, :2], iron[:2] + 0.5 * (seen.max(0) + seen.min(0)), atol=1e-9)
+    assert np.isnan(preparation.scale_sigma[0])

@@ -31,6 +31,45 @@ def test_ratios_hold_within_their_bounds() -> None:
     assert not _judge({"a": 1.0, "b": 5.0}, metric="a", ratio_to="b", min_ratio=0.3)
 
 
+def test_a_difference_is_held_up_to_its_limit_and_may_be_as_negative_as_it_likes() -> None:
+    asked = {"metric": "a", "difference_to": "b", "max_difference": 0.25}
+    assert _judge({"a": 1.25, "b": 1.0}, **asked)
+    assert not _judge({"a": 1.26, "b": 1.0}, **asked)
+    assert _judge({"a": 0.0, "b": 100.0}, **asked)
+    assert not _judge({"a": math.nan, "b": 1.0}, **asked)
+    assert not _judge({"a": 1.0}, **asked)
+    assert not _judge({"a": 1.1, "b": 1.0}, **asked, max=1.0)
+
+
+def test_a_difference_says_in_words_what_it_asks_for() -> None:
+    check = {"metric": "a", "difference_to": "b", "max_difference": 0.2}
+    scenario = resolve(small_scenario(checks=[check]), where="test")
+    assert judge(scenario, {"a": 1.0, "b": 0.5})[0].sentence() == "a - b = 0.5, required <= 0.2"
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        ({"metric": "a", "difference_to": "b"}, "difference_to goes with max_difference"),
+        ({"metric": "a", "max": 1.0, "max_difference": 0.2}, "difference_to goes with max_difference"),
+        (
+            {"metric": "a", "difference_to": "b", "max_difference": 0.2, "ratio_to": "b", "max_ratio": 1.0},
+            "ratio_to or difference_to, not both",
+        ),
+    ],
+)
+def test_half_a_difference_is_refused(check: dict[str, float | str], message: str) -> None:
+    with pytest.raises(BadInputError, match=message):
+        resolve(small_scenario(checks=[check]), where="test")
+
+
+def test_the_other_metric_of_a_difference_has_to_exist() -> None:
+    check = {"metric": "a", "difference_to": "b", "max_difference": 0.2}
+    scenario = resolve(small_scenario(checks=[check]), where="test")
+    with pytest.raises(BadInputError, match=r"file: checks.0.difference_to: "):
+        require_known(scenario, ["a"], where="file")
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_is_not_a_number_fails(value: float) -> None:
     assert not _judge({"a": value}, metric="a", max=1.0)

@@ -93,6 +93,17 @@ def test_ratios_are_taken_member_by_member() -> None:
     assert not judge_ensemble(scenario, {"a": 0.5 * base[:, ::-1], "b": base})[0].ok
 
 
+def test_differences_are_taken_member_by_member_and_without_a_percentile_are_about_their_mean() -> None:
+    base = np.array([[1.0, 10.0, 100.0]])
+    asked = {"metric": "a", "difference_to": "b", "max_difference": 0.25}
+    of_all = resolve(small_scenario(checks=[asked | {"percentile": 100.0}]), where="test")
+    assert judge_ensemble(of_all, {"a": base + 0.25, "b": base})[0].ok
+    assert not judge_ensemble(of_all, {"a": base[:, ::-1], "b": base})[0].ok
+    of_mean = resolve(small_scenario(checks=[asked]), where="test")
+    assert judge_ensemble(of_mean, {"a": base[:, ::-1], "b": base})[0].ok
+    assert not judge_ensemble(of_mean, {"a": base + np.array([0.0, 0.0, 1.0]), "b": base})[0].ok
+
+
 def test_never_keeps_a_minimum_and_breaks_a_maximum() -> None:
     never = {"a": np.full((1, 3), math.inf)}
     assert judge_ensemble(resolve(small_scenario(checks=[{"metric": "a", "min": 28.0}]), where="test"), never)[0].ok

@@ -116,3 +116,25 @@ def test_the_world_shows_the_field_in_the_mounts_axes(make_world: WorldMaker) ->
     np.testing.assert_allclose(seen.field_ut, [-east, -north, up], atol=0.01)
     assert seen.position_enu_m[2] == pytest.approx(0.133, abs=1e-3)
     assert seen.motor_current_a == 0.0
+
+
+def test_a_ramp_between_limits_is_another_in_each_world_and_the_same_in_one() -> None:
+    table = {"magnets": [magnet(from_s=1.0, to_s=9.0, ramp_s=[0.5, 3.0])]}
+    config = MagneticsConfig.model_validate(table)
+    ramps = [config.magnets[0].in_world(seed, 0).ramp_s for seed in range(200)]
+    assert ramps == [config.magnets[0].in_world(seed, 0).ramp_s for seed in range(200)]
+    assert 0.5 <= min(ramps) < 0.6  # of 200 evenly drawn, one is within 4 % of either end but for 3 cases in 10 000
+    assert 2.9 < max(ramps) <= 3.0
+    assert config.magnets[0].in_world(7, 0).ramp_s != config.magnets[0].in_world(7, 1).ramp_s
+    # Half a ramp after its coming half of it is there.
+    place, whole = np.array([1.0, 2.0, 0.7]), np.array([0.0, 0.0, 50.0])
+    ramp_s = config.magnets[0].in_world(7, 0).ramp_s
+    there = Magnetics(config, GROUND, seed=7).field_ut(place, 1.0 + 0.5 * ramp_s) - magnetics().field_ut(place, 0.0)
+    np.testing.assert_allclose(there, 0.5 * whole, atol=1e-9)
+
+
+def test_limits_of_a_ramp_are_checked() -> None:
+    with pytest.raises(ValidationError, match="the lower limit comes first"):
+        magnetics(magnets=[magnet(to_s=9.0, ramp_s=[3.0, 0.5])])
+    with pytest.raises(ValidationError, match="later than from_s by two ramps"):
+        magnetics(magnets=[magnet(from_s=1.0, to_s=6.0, ramp_s=[0.5, 3.0])])

@@ -29,7 +29,8 @@ import numpy as np
 
 from twin.config import NonNegative, Positive
 from twin.errors import BadInputError
-from twin.estimators.engines import EngineName, innovation, make_engine
+from twin.estimators.engines import EngineName, make_engine
+from twin.estimators.field_heading import FieldHeading
 from twin.estimators.heading_base import HeadingConfig, tilt_of_force
 from twin.estimators.heading_inputs import MAGNETOMETER, WHEEL_ENCODERS, HeadingInputs, HeadingSample
 from twin.estimators.heading_model import (
@@ -38,20 +39,17 @@ from twin.estimators.heading_model import (
     B,
     BiasSeen,
     D,
-    FieldSeen,
     HeadingMotion,
     T,
     V,
     VelocitySeen,
-    exponential,
-    product,
     rotate,
-    rotation_of,
 )
 from twin.estimators.heading_noise import HeadingNoiseConfig, Sheet
 from twin.estimators.heading_preparation import Preparation, PreparationConfig
 from twin.estimators.heading_rest import RestConfig, RestDetector
-from twin.estimators.magnetic_disturbance import DisturbanceConfig, DisturbanceDetector
+from twin.estimators.held_attitude import HeldAttitude
+from twin.estimators.magnetic_disturbance import DisturbanceConfig
 from twin.estimators.roles import IMU
 from twin.estimators.wheel_heading import WheelHeading, WheelHeadingConfig
 from twin.geometry import STANDARD_GRAVITY_M_S2, wrap_angle
@@ -70,8 +68,6 @@ from twin.signals import (
 KIND = "heading_filter"
 _RESTING_RAD_RTS = float(np.deg2rad(0.005))
 """Growth of the attitude's uncertainty at rest: sway of the ground, not of the gyroscope."""
-_TILT_S = 1.0
-"""How long an error of the tilt lasts; a choice, between the gyroscope's short noise and a slow offset."""
 _TURN_RAD = float(np.pi)
 """A half turn makes of a scale error, taken for white, the right angle error; less of a turn, more than that."""
 _RESTING_M_S = 0.01
@@ -136,17 +132,27 @@ class HeadingFilter:
         self._step_s = self._inputs.step_ns / NS_PER_S
         self._sheet = Sheet.of(infos[IMU], infos.get(MAGNETOMETER), config.noise)
         self._preparation = Preparation(config.preparation, step_s=self._step_s, runs=runs)
-        self._motion = HeadingMotion(
-            bias_walk_rad_s_rts=self._sheet.bias_walk,
-            deviation_rad=config.deviation_sigma_rad,
-            runs=runs,
-        )
-        self._velocity, self._field = VelocitySeen(), FieldSeen()
+        self._motion = HeadingMotion(bias_walk_rad_s_rts=self._sheet.bias_walk, runs=runs)
+        self._velocity = VelocitySeen()
         self._resting_bias = BiasSeen(self._sheet.gyro**2)
         self._rest = RestDetector(
-            config.rest, accel_noise_m_s2=self._sheet.accel, gyro_noise_rad_s=self._sheet.gyro, runs=runs
+            config.rest,
+            accel_noise_m_s2=self._sheet.accel,
+            gyro_noise_rad_s=self._sheet.gyro,
+            gyro_bias_rad_s=self._sheet.bias,
+            runs=runs,
         )
-        self._detector = DisturbanceDetector(config.disturbance, runs=runs)
+        self._hidden_tilt_rad = self._sheet.accel_bias / STANDARD_GRAVITY_M_S2
+        if config.preparation.standstill_s > 0.0 and config.preparation.accelerometer_offset:
+            self._hidden_tilt_rad = config.noise.level_rad
+        self._field = FieldHeading(
+            config.disturbance,
+            north_rad=config.magnetic_north_rad,
+            noise_ut=self._sheet.field,
+            deviation_rad=config.deviation_sigma_rad,
+            hidden_tilt_rad=self._hidden_tilt_rad,
+            runs=runs,
+        )
         name: EngineName = "filterpy" if runs == 1 else "ensemble"
         if config.engine != "auto":
             name = config.engine
@@ -155,10 +161,8 @@ class HeadingFilter:
         if WHEEL_ENCODERS in infos:
             self._wheels = WheelHeading(config.wheels, infos[WHEEL_ENCODERS], setup)
         start = float(setup.start_e_n_heading[2])
-        self.q: FloatArray = np.tile([0.0, 0.0, np.sin(0.5 * start), np.cos(0.5 * start)], (runs, 1))
-        """(R, 4) attitude held, body to world, (x, y, z, w)."""
-        self._attitude: FloatArray = rotation_of(self.q)
-        self._heading: FloatArray = np.full(runs, start)
+        self.attitude = HeldAttitude(start, runs=runs)
+        """What is held above the engine, which keeps its error."""
         self._started: BoolArray = np.zeros(runs, dtype=np.bool_)
         self._resting: BoolArray = np.zeros(runs, dtype=np.bool_)
         self._rate: FloatArray = np.zeros((runs, 3))
@@ -173,7 +177,7 @@ class HeadingFilter:
         sigma[T + 2] = config.start_heading_sigma_rad if config.heading_reference == "start" else np.pi
         standing = config.preparation.standstill_s > 0.0 and config.preparation.gyro_offset
         sigma[B : B + 3] = self._sheet.gyro if standing else self._sheet.bias
-        sigma[V : V + 3] = config.noise.speed_m_s
+        sigma[V : V + 2] = config.noise.speed_m_s
         sigma[D0], sigma[D] = config.declination_sigma_rad, config.deviation_sigma_rad
         return np.tile(np.diag(sigma**2), (self._runs, 1, 1))
 
@@ -190,7 +194,7 @@ class HeadingFilter:
         if prepared is None:
             return
         self._begin(prepared)
-        before = self._heading
+        before = self.attitude.heading
         if self._wheels is not None:
             self._wheels.count(prepared.slots, prepared.counted, prepared.dt_s)
         if prepared.dt_s > 0.0:
@@ -199,10 +203,10 @@ class HeadingFilter:
         if prepared.magnetic.any():
             self._hear_field(prepared)
         if self._wheels is not None:
-            self._wheels.hear(self.engine, prepared.counted, self._heading)
+            self._wheels.hear(self.engine, prepared.counted, self.attitude.heading)
         self._settle()
         if self._wheels is not None:
-            self._wheels.travel(0.5 * (before + self._heading))
+            self._wheels.travel(0.5 * (before + self.attitude.heading))
         self._now = prepared.index
 
     def _begin(self, sample: HeadingSample) -> None:
@@ -211,37 +215,18 @@ class HeadingFilter:
         if not first.any():
             return
         roll, pitch = tilt_of_force(sample.force)
-        level = self._about(0, roll)
-        level = product(self._about(1, pitch), level)
-        level = product(self._about(2, self._heading + self._preparation.turned), level)
-        self.q = np.where(first[:, np.newaxis], level, self.q)
-        self._follow()
+        turned = self.attitude.heading + self._preparation.turned
+        self.attitude.level(first, roll=roll, pitch=pitch, heading=turned)
         self._started = self._started | first
-
-    def _about(self, axis: int, angle: FloatArray) -> FloatArray:
-        vector = np.zeros((self._runs, 3))
-        vector[:, axis] = angle
-        return exponential(vector)
 
     def _predict(self, sample: HeadingSample) -> None:
         """Find out who rests, follow the gyroscope, and gather what it may be off by."""
-        x, P, dt_s = self.engine.x, self.engine.P, sample.dt_s
-        bias = x[:, B : B + 3]
-        rolled = self._wheels.rolled if self._wheels is not None else np.zeros(self._runs, dtype=np.bool_)
-        self._resting = self._rest.step(
-            np.concatenate([sample.force, sample.rate], axis=1),
-            sample.inertial,
-            bias=bias,
-            bias_sigma=np.sqrt(np.diagonal(P, axis1=1, axis2=2)[:, B : B + 3]),
-            rolled=rolled,
-            dt_s=dt_s,
-        )
+        dt_s = sample.dt_s
+        self._resting = self._find_rest(sample)
+        bias = self.engine.x[:, B : B + 3]
         turning = ~self._resting & self._started
         self._rate = np.where(turning[:, np.newaxis], sample.rate - bias, 0.0)
-        half = product(self.q, exponential(0.5 * dt_s * self._rate))
-        self._motion.attitude = rotation_of(half)
-        self.q = product(self.q, exponential(dt_s * self._rate))
-        self._follow()
+        self._motion.attitude = self.attitude.turn(self._rate, dt_s)
         turned = np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)) * dt_s
         self._noise_of(sample, turning, turned)
         force = rotate(self._motion.attitude, sample.force)
@@ -251,14 +236,39 @@ class HeadingFilter:
         if resting.any():
             self.engine.update(self._resting_bias, sample.rate, resting)
 
+    def _find_rest(self, sample: HeadingSample) -> BoolArray:
+        """Who rests, (R,). Where the bias has changed unseen, what is known of it and of the heading is opened."""
+        x, P = self.engine.x, self.engine.P
+        across = np.maximum(np.hypot(sample.field[:, 0], sample.field[:, 1]), 1e-9)
+        found = self._rest.step(
+            np.concatenate([sample.force, sample.rate], axis=1),
+            sample.inertial,
+            bias=x[:, B : B + 3],
+            bias_sigma=np.sqrt(np.diagonal(P, axis1=1, axis2=2)[:, B : B + 3]),
+            rolled=self._wheels.rolled if self._wheels is not None else np.zeros(self._runs, dtype=np.bool_),
+            dt_s=sample.dt_s,
+            direction=(np.arctan2(sample.field[:, 1], sample.field[:, 0]), sample.magnetic, self._sheet.field / across),
+        )
+        surprise = found.surprise_rad_s
+        if surprise.any():
+            # A bias off by so much for so long has turned the heading along: one cause, one direction of the state.
+            cause = np.zeros((self._runs, SIZE))
+            cause[:, B + 2] = surprise
+            cause[:, T : T + 3] = -self.attitude.matrix[:, :, 2] * (surprise * found.quiet_s)[:, np.newaxis]
+            self.engine.restore(x, P + cause[:, :, np.newaxis] * cause[:, np.newaxis, :])
+        return found.resting
+
     def _noise_of(self, sample: HeadingSample, turning: BoolArray, turned: FloatArray) -> None:
         """What this step adds: noise and scale of the sensors, and what was not heard; ``turned`` (R,) in rad."""
         config, sheet, noise, dt_s = self._config, self._sheet, self._motion.noise, sample.dt_s
         silent_s = np.where(sample.inertial, dt_s - self._step_s, dt_s)
-        heard = (sheet.gyro * self._step_s) ** 2 + sheet.scale**2 * turned * _TURN_RAD
+        told = self._preparation.scale_sigma
+        scale = np.where(np.isnan(told), sheet.scale, told)
+        heard = (sheet.gyro * self._step_s) ** 2 + scale**2 * turned * _TURN_RAD
         turning_variance = heard + (_GAP_RATE_RAD_S * silent_s) ** 2
         noise.turn_variance = np.where(turning, turning_variance, _RESTING_RAD_RTS**2 * dt_s)
         noise.speed_variance = (sheet.accel * self._step_s) ** 2 + (_GAP_ACCEL_M_S2 * silent_s) ** 2
+        noise.deviation_variance = self._field.deviation_variance
         noise.deviation_kept = np.exp(-dt_s / config.deviation_s - turned / config.deviation_turn_rad)
         if self._wheels is not None:
             noise.slip_variance = self._wheels.take_slip_variance()
@@ -269,59 +279,26 @@ class HeadingFilter:
         lasting = max(1.0, 2.0 * noise.speed_s / sample.dt_s)
         variance = np.where(self._resting, _RESTING_M_S**2, noise.speed_m_s**2 * lasting)
         self.engine.update(
-            self._velocity, np.zeros((self._runs, 3)), self._started, np.repeat(variance[:, np.newaxis], 3, axis=1)
+            self._velocity, np.zeros((self._runs, 2)), self._started, np.repeat(variance[:, np.newaxis], 2, axis=1)
         )
 
     def _hear_field(self, sample: HeadingSample) -> None:
-        """Judge the field, and take its heading where it is the earth's."""
-        field = rotate(self._attitude, sample.field)
-        across = np.maximum(np.hypot(field[:, 0], field[:, 1]), 1e-9)
-        strength = np.sqrt(np.einsum("ri,ri->r", field, field))
-        dip = np.arctan2(-field[:, 2], across)
-        x, P = self.engine.x, self.engine.P
-        angle = np.arctan2(field[:, 1], field[:, 0])
-        expected = self._field.h(x)
-        seen = expected + wrap_angle((angle - self._config.magnetic_north_rad)[:, np.newaxis] - expected)
-        variance = (self._sheet.field / across) ** 2
-        # What the tilt may be off by, about the axis of the field, makes tan(dip) times as much of heading.
-        sine, cosine = np.sin(angle), np.cos(angle)
-        tilt = cosine**2 * P[:, T, T] + sine**2 * P[:, T + 1, T + 1] + 2.0 * sine * cosine * P[:, T, T + 1]
-        by_tilt = np.tan(dip) ** 2 * tilt
-        found = innovation(self.engine, self._field, seen, np.zeros((self._runs, 1)))
-        known = self._started & sample.magnetic
-        use, adopted = self._detector.step(
-            strength,
-            dip,
-            innovation=found.y[:, 0],
-            expected=found.S[:, 0, 0] + by_tilt,
-            sample_variance=variance,
-            turning=np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)),
-            fresh=known,
+        self._field.hear(
+            self.engine,
+            sample.field,
+            self.attitude.matrix,
+            known=self._started & sample.magnetic,
+            turning_rad_s=np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)),
             dt_s=max(sample.dt_s, self._step_s),
         )
-        if adopted.any():  # another place has another deviation
-            P = P.copy()
-            P[:, D, D] += np.where(adopted, found.y[:, 0] ** 2, 0.0)
-            self.engine.restore(x, P)
-            self._detector.forget_heading(adopted)
-        if use.any():
-            lasting = max(1.0, 2.0 * _TILT_S / max(sample.dt_s, self._step_s))
-            self.engine.update(self._field, seen, use, (variance + by_tilt * lasting)[:, np.newaxis])
 
     def _settle(self) -> None:
-        """Put what the updates found of the attitude into the quaternion."""
+        """Put what the updates found of the attitude into what is held."""
         x = self.engine.x
-        self.q = product(exponential(x[:, T : T + 3]), self.q)
+        self.attitude.correct(x[:, T : T + 3])
         rest = x.copy()
         rest[:, T : T + 3] = 0.0
         self.engine.restore(rest, self.engine.P)
-        self._follow()
-
-    def _follow(self) -> None:
-        """The attitude held as a matrix, and its heading, without jumps."""
-        self._attitude = rotation_of(self.q)
-        heading = np.arctan2(self._attitude[:, 1, 0], self._attitude[:, 0, 0])
-        self._heading = self._heading + wrap_angle(heading - self._heading)
 
     # --- out ---------------------------------------------------------------------------------------------------------
 
@@ -330,13 +307,12 @@ class HeadingFilter:
         sample = self._inputs.close()
         if sample is not None:
             self._take(sample)
-        attitude, P = self._attitude, self.engine.P
-        roll = np.arctan2(attitude[:, 2, 1], attitude[:, 2, 2])
-        pitch = np.arcsin(np.clip(-attitude[:, 2, 0], -1.0, 1.0))
-        yaw_rate = rotate(attitude, self._rate)[:, 2]
+        P = self.engine.P
+        roll, pitch = self.attitude.tilt()
+        yaw_rate = rotate(self.attitude.matrix, self._rate)[:, 2]
         ahead_s = 0.0 if self._now is None else max(0.0, t_ns / NS_PER_S - self._now * self._step_s)
-        heading = wrap_angle(self._heading + ahead_s * yaw_rate)
-        parts = [heading, roll, pitch, yaw_rate, self.engine.x[:, B + 2], self._resting, self._detector.state]
+        heading = wrap_angle(self.attitude.heading + ahead_s * yaw_rate)
+        parts = [heading, roll, pitch, yaw_rate, self.engine.x[:, B + 2], self._resting, self._field.state]
         slipping = np.zeros(self._runs) if self._wheels is None else self._wheels.slipping
         positions = [] if self._wheels is None else [self._wheels.east_m, self._wheels.north_m]
         values = np.column_stack([*parts, slipping, *positions]).astype(np.float64)
@@ -350,9 +326,8 @@ class HeadingFilter:
     def _tilt_variances(self, P: FloatArray) -> FloatArray:
         """Variances (R, 2) of roll and pitch: theta seen along and across the heading, and what the accelerometer's own
         offset, which no one tells, may hide."""
-        sine, cosine = np.sin(self._heading), np.cos(self._heading)
+        sine, cosine = np.sin(self.attitude.heading), np.cos(self.attitude.heading)
         first, second, both = P[:, T, T], P[:, T + 1, T + 1], P[:, T, T + 1]
         roll = cosine**2 * first + sine**2 * second + 2.0 * sine * cosine * both
         pitch = sine**2 * first + cosine**2 * second - 2.0 * sine * cosine * both
-        hidden = (self._sheet.accel_bias / STANDARD_GRAVITY_M_S2) ** 2
-        return np.stack([roll, pitch], axis=-1) + hidden
+        return np.stack([roll, pitch], axis=-1) + self._hidden_tilt_rad**2

@@ -12,18 +12,20 @@ B      3    gyroscope bias b, body axes, rad/s
 D0     1    constant part of the local field's deviation from magnetic north, rad
 D      1    its part that comes and goes: Gauss-Markov (buildings, iron in the ground, hard iron left over)
 C      1    heading minus the heading counted by the wheels, rad: drifts as the wheels slip
-V      3    velocity, world axes, m/s
+V      2    horizontal velocity, world axes, m/s
 ====== ==== =========================================================================================
 
 Motion, with w = gyroscope - b:  theta' = -C_held (db),  b' = white,  D fades with time and with the angle turned (iron
 that the body carries pushes the field another way after a turn) and is driven by white noise,  C' = white with the way
-and the turn,  V' = a + theta x a - g up with a = C_held f. Observations: what each says of theta is linear, because
-theta lives in the axes in which gravity and north are fixed.
+and the turn,  V' = the horizontal part of a + theta x a with a = C_held f. Observations: what each says of theta is
+linear, because theta lives in the axes in which gravity and north are fixed.
 
 **Gravity** enters by the velocity. An accelerometer cannot tell a tilt from an acceleration, but a machine that stays
 about where it is cannot accelerate one way for long: its velocity is zero to within a metre a second or so, while a
 tilt would make it grow without end. So what is observed is V = 0, with the sigma of the speeds to be expected. That
 tells far more than to take accelerations for white noise on gravity, because they cancel. At rest the sigma is small.
+The upward velocity is left out: it shows next to nothing of a tilt, but all of the accelerometer's offset on that axis,
+which in a cheap one (0.05 g) would have the machine fall at metres a second.
 
 For a field of horizontal angle a and dip d,
 
@@ -40,11 +42,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.compiled import compiled
-from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import FloatArray
 
 T, B, D0, D, C, V = 0, 3, 6, 7, 8, 9
-SIZE = 12
+SIZE = 11
 
 
 @dataclass(slots=True)
@@ -56,22 +57,23 @@ class StepNoise:
     slip_variance: FloatArray
     """(R,) of C gathered in this step, rad^2."""
     speed_variance: FloatArray
-    """(R,) of each component of V gathered in this step, (m/s)^2."""
+    """(R,) of either component of V gathered in this step, (m/s)^2."""
     deviation_kept: FloatArray
     """(R,) what is left of D after this step, 0 to 1."""
+    deviation_variance: FloatArray
+    """(R,) of D where it has wandered long, rad^2."""
 
 
 class HeadingMotion:
     """Motion of the error state; ``attitude`` (R, 3, 3), body to world, and ``noise`` are set before a prediction."""
 
-    def __init__(self, *, bias_walk_rad_s_rts: float, deviation_rad: float, runs: int) -> None:
+    def __init__(self, *, bias_walk_rad_s_rts: float, runs: int) -> None:
         self.attitude: FloatArray = np.tile(np.eye(3), (runs, 1, 1))
-        self.noise = StepNoise(np.zeros(runs), np.zeros(runs), np.zeros(runs), np.ones(runs))
+        self.noise = StepNoise(np.zeros(runs), np.zeros(runs), np.zeros(runs), np.ones(runs), np.zeros(runs))
         self._bias_density = bias_walk_rad_s_rts**2
-        self._deviation = deviation_rad
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-        """State after ``dt_s`` (R, 12), the held attitude having followed the gyroscope, and its Jacobian.
+        """State after ``dt_s`` (R, 11), the held attitude having followed the gyroscope, and its Jacobian.
 
         ``u`` (R, 3) is the specific force in world axes, by the attitude held, m/s^2.
         """
@@ -79,25 +81,24 @@ class HeadingMotion:
         F[:] = np.eye(SIZE)
         F[:, T : T + 3, B : B + 3] = -dt_s * self.attitude
         F[:, D, D] = self.noise.deviation_kept
-        for axis in range(3):
+        for axis in range(2):
             first, second = (axis + 1) % 3, (axis + 2) % 3
             # (theta x a)_axis = theta_first a_second - theta_second a_first
             F[:, V + axis, T + first] = dt_s * u[:, second]
             F[:, V + axis, T + second] = -dt_s * u[:, first]
         moved = x.copy()
-        moved[:, V : V + 3] += dt_s * u
-        moved[:, V + 2] -= dt_s * STANDARD_GRAVITY_M_S2
+        moved[:, V : V + 2] += dt_s * u[:, :2]
         moved[:, D] = self.noise.deviation_kept * x[:, D]
         return moved, F
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
-        """Process noise (R, 12, 12)."""
+        """Process noise (R, 11, 11)."""
         Q = np.zeros((len(self.noise.turn_variance), SIZE, SIZE))
         for axis in range(3):
             Q[:, T + axis, T + axis] = self.noise.turn_variance
             Q[:, B + axis, B + axis] = self._bias_density * dt_s
-            Q[:, V + axis, V + axis] = self.noise.speed_variance
-        Q[:, D, D] = self._deviation**2 * (1.0 - self.noise.deviation_kept**2)
+        Q[:, V, V] = Q[:, V + 1, V + 1] = self.noise.speed_variance
+        Q[:, D, D] = self.noise.deviation_variance * (1.0 - self.noise.deviation_kept**2)
         Q[:, C, C] = self.noise.slip_variance
         return Q
 
@@ -106,16 +107,16 @@ class VelocitySeen:
     """The machine stays about where it is: its velocity is zero, to within the sigma of its speeds."""
 
     def __init__(self) -> None:
-        self.R: FloatArray = np.ones(3)
-        self._H: FloatArray = np.zeros((3, SIZE))
-        self._H[np.arange(3), V + np.arange(3)] = 1.0
+        self.R: FloatArray = np.ones(2)
+        self._H: FloatArray = np.zeros((2, SIZE))
+        self._H[np.arange(2), V + np.arange(2)] = 1.0
 
     def h(self, x: FloatArray) -> FloatArray:
-        """Velocity (R, 3)."""
-        return x[:, V : V + 3]
+        """Velocity (R, 2)."""
+        return x[:, V : V + 2]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (3, 12)."""
+        """Jacobian (2, 11)."""
         return self._H
 
 
@@ -133,7 +134,7 @@ class FieldSeen:
         return expected
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (1, 12)."""
+        """Jacobian (1, 11)."""
         return self._H
 
 
@@ -150,7 +151,7 @@ class WheelsSeen:
         return x[:, T + 2 : T + 3] - x[:, C : C + 1]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (1, 12)."""
+        """Jacobian (1, 11)."""
         return self._H
 
 
@@ -167,7 +168,7 @@ class BiasSeen:
         return x[:, B : B + 3]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (3, 12)."""
+        """Jacobian (3, 11)."""
         return self._H
 
 

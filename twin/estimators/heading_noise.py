@@ -22,6 +22,8 @@ class HeadingNoiseConfig(Config):
     gyro_scale_ratio: NonNegative = 0.01
     field_ut: Positive = 0.5
     """Of a magnetometer sample (paper 001, section 4.1: 0.24 to 0.70)."""
+    level_rad: NonNegative = 0.01
+    """Slope of the ground on which the accelerometer's offset was taken, where it was: what that hides of a tilt."""
     speed_m_s: Positive = 1.0
     """Speed of the machine, or of a hand that carries it, 1 sigma; a choice."""
     speed_s: Positive = 0.5

@@ -4,7 +4,8 @@
 gravity left on the upward axis. That takes a tilt of the ground, or of the unit, for an offset. Then it may turn: half
 the sum of the largest and smallest reading of a magnetometer axis is its hard iron (eq 18). A machine that turns on
 level ground says nothing about the upward axis: there, half the sum is the vertical field itself; ``turn_axes`` says
-which axes to believe. The heading turned is followed by the gyroscope.
+which axes to believe. The heading turned is followed by the gyroscope. With ``turn_fit``, which is ours and not the
+paper's, a whole turn tells more (:mod:`twin.estimators.turn_fit`): soft iron, and the gyroscope's scale.
 
 **Pre-filter** (table 1). A reading that differs by more than NP from what the pre-filter last gave passes; between NPS
 and NP it gives the mean of both; below NPS it is low-passed with the weight NPL. For the gyroscope what is compared
@@ -23,6 +24,7 @@ from pydantic import Strict
 
 from twin.config import Config, NonNegative, Probability, Vector3
 from twin.estimators.heading_inputs import HeadingSample
+from twin.estimators.turn_fit import fit_turn
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import BoolArray, FloatArray
 
@@ -64,6 +66,8 @@ class PreparationConfig(Config):
     """Turning after the standstill from which the hard iron is taken; 0: none."""
     turn_axes: Literal["xy", "xyz"] = "xy"
     """Axes whose hard iron the turning shows: xy for a turn on level ground."""
+    turn_fit: bool = False
+    """Whether the turning also tells the level soft iron and the scale of the gyroscope about z, if it was whole."""
     hard_iron_ut: Vector3 = (0.0, 0.0, 0.0)
     """Hard iron known from a calibration before; the turn replaces it on its axes."""
     soft_iron: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -104,7 +108,7 @@ class BandFilter:
 
 
 class Preparation:
-    """Calibration and pre-filter over the ensemble axis; memory does not grow with time."""
+    """Calibration and pre-filter over the ensemble axis; memory does not grow once the calibration is over."""
 
     def __init__(self, config: PreparationConfig, *, step_s: float, runs: int) -> None:
         self._config = config
@@ -124,6 +128,11 @@ class Preparation:
         """(R, 3) taken off the field, microtesla."""
         self.turned: FloatArray = np.zeros(runs)
         """(R,) heading turned during the calibration, by gyroscope, rad."""
+        self.scale_sigma: FloatArray = np.full(runs, np.nan)
+        """(R,) of the gyroscope's scale about z, where a turn has told it; NaN elsewhere."""
+        self._rate_factor: FloatArray = np.ones(runs)
+        self._level_iron: FloatArray = np.tile(np.eye(2), (runs, 1, 1))
+        self._swept: list[tuple[FloatArray, FloatArray, BoolArray]] = []
         bands = config.prefilter
         self._soft_iron = np.array(config.soft_iron)
         self._accelerometer = BandFilter(bands.accelerometer)
@@ -150,6 +159,7 @@ class Preparation:
             self._finish()
         sample.force = sample.force - self.force_offset
         sample.rate = sample.rate - self.rate_offset
+        sample.rate[:, 2] *= self._rate_factor
         sample.field = self._without_iron(sample.field)
         if self._config.filtered:
             sample.force = self._accelerometer.step(sample.force, sample.inertial, sample.dt_s)
@@ -158,7 +168,9 @@ class Preparation:
         return sample
 
     def _without_iron(self, field: FloatArray) -> FloatArray:
-        return np.asarray(np.einsum("ij,rj->ri", self._soft_iron, field - self.hard_iron))
+        without = np.einsum("ij,rj->ri", self._soft_iron, field - self.hard_iron)
+        without[:, :2] = np.einsum("rij,rj->ri", self._level_iron, without[:, :2])
+        return np.asarray(without)
 
     def _stand(self, sample: HeadingSample) -> None:
         parts = ((sample.force, sample.inertial), (sample.rate, sample.inertial), (sample.field, sample.magnetic))
@@ -180,6 +192,8 @@ class Preparation:
         self._high = np.where(fresh, np.maximum(self._high, sample.field), self._high)
         self._low = np.where(fresh, np.minimum(self._low, sample.field), self._low)
         self.turned = self.turned + sample.dt_s * (sample.rate - self.rate_offset)[:, 2]
+        if self._config.turn_fit:
+            self._swept.append((self.turned, sample.field, sample.magnetic))
 
     def _finish(self) -> None:
         self._finished = True
@@ -188,3 +202,16 @@ class Preparation:
             seen[:, 2] = False
         high, low = np.where(seen, self._high, 0.0), np.where(seen, self._low, 0.0)
         self.hard_iron = np.where(seen, 0.5 * (high + low), self.hard_iron)
+        if self._swept:
+            self._fit_turn()
+
+    def _fit_turn(self) -> None:
+        """Replace what the extreme readings told by what the whole turn tells, where it was one."""
+        angle, field, used = (np.stack(each) for each in zip(*self._swept, strict=True))
+        self._swept.clear()
+        bent = np.einsum("ij,trj->tri", self._soft_iron, field - self.hard_iron)
+        fit = fit_turn(angle, bent[..., :2], used)
+        centre = np.concatenate([fit.centre_ut, np.zeros((len(fit.found), 1))], axis=1)
+        self.hard_iron = self.hard_iron + np.linalg.solve(self._soft_iron, centre.T).T
+        self._level_iron, self._rate_factor, self.scale_sigma = fit.correction, fit.rate_factor, fit.rate_sigma
+        self.turned = self.turned * fit.rate_factor

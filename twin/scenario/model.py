@@ -49,7 +49,7 @@ class WorldConfig(Config):
 
 
 class Check(Config):
-    """A requirement on one metric, or on its ratio to another."""
+    """A requirement on one metric, on its ratio to another, or on its difference from another."""
 
     metric: str
     """Name of the metric, as in result.json."""
@@ -63,6 +63,10 @@ class Check(Config):
     """Smallest ratio allowed."""
     max_ratio: float | None = None
     """Largest ratio allowed."""
+    difference_to: str | None = None
+    """Another metric to subtract; under stress member by member."""
+    max_difference: float | None = None
+    """Largest difference allowed: with 0.2, the metric is at most 0.2 above the other."""
     percentile: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
     """Under stress: this share of the members has to keep it (in a single run the run itself)."""
     confidence: Probability | None = None
@@ -74,10 +78,16 @@ class Check(Config):
     def _says_something(self) -> Self:
         if (self.ratio_to is None) != (self.min_ratio is None and self.max_ratio is None):
             raise ValueError("ratio_to goes with min_ratio or max_ratio")
+        if (self.difference_to is None) != (self.max_difference is None):
+            raise ValueError("difference_to goes with max_difference")
+        if self.ratio_to is not None and self.difference_to is not None:
+            raise ValueError("a check has ratio_to or difference_to, not both")
         if self.confidence is not None and self.percentile is None:
             raise ValueError("confidence goes with a percentile")
-        if self.min is None and self.max is None and self.ratio_to is None:
-            raise ValueError("a check needs min, max, or ratio_to with min_ratio or max_ratio")
+        if self.min is None and self.max is None and self.ratio_to is None and self.difference_to is None:
+            raise ValueError(
+                "a check needs min, max, ratio_to with min_ratio or max_ratio, or difference_to with max_difference"
+            )
         return self
 
 

@@ -16,7 +16,7 @@ class Outcome:
 
     check: Check
     value: float
-    """The metric, or its ratio to ``ratio_to``."""
+    """The metric, its ratio to ``ratio_to``, or its difference from ``difference_to``."""
     ok: bool
 
     def as_json(self) -> dict[str, object]:
@@ -27,9 +27,11 @@ class Outcome:
     def sentence(self, *, up_to: float | None = None) -> str:
         """The check in words, for tables and JUnit; of values from this one up to another, if given."""
         check = self.check
-        what = check.metric if check.ratio_to is None else f"{check.metric} / {check.ratio_to}"
-        low = check.min if check.ratio_to is None else check.min_ratio
-        high = check.max if check.ratio_to is None else check.max_ratio
+        what, low, high = check.metric, check.min, check.max
+        if check.ratio_to is not None:
+            what, low, high = f"{what} / {check.ratio_to}", check.min_ratio, check.max_ratio
+        elif check.difference_to is not None:
+            what, low, high = f"{what} - {check.difference_to}", None, check.max_difference
         bounds = " and ".join(
             text
             for text in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "")
@@ -53,7 +55,8 @@ def require_known(scenario: Scenario, names: Collection[str], *, where: str) -> 
         BadInputError: naming the metric and the nearest one that exists.
     """
     for index, check in enumerate(scenario.checks):
-        for key, metric in (("metric", check.metric), ("ratio_to", check.ratio_to)):
+        for key in ("metric", "ratio_to", "difference_to"):
+            metric = getattr(check, key)
             if metric is not None and metric not in names:
                 raise BadInputError(f"{where}: checks.{index}.{key}: {_unknown_metric(metric, names)}")
     for metric in scenario.published:
@@ -79,6 +82,9 @@ def _judge(check: Check, metrics: Mapping[str, float]) -> Outcome:
         below = metrics.get(check.ratio_to, math.nan)
         value = value / below if below and math.isfinite(below) else math.nan
         holds = holds and within(value, check.min_ratio, check.max_ratio)
+    if check.difference_to is not None:
+        value = value - metrics.get(check.difference_to, math.nan)
+        holds = holds and within(value, None, check.max_difference)
     return Outcome(check=check, value=value, ok=holds)
 
 

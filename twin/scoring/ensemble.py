@@ -2,12 +2,12 @@
 
 Under stress a check with ``percentile`` p is a statement about p % of the members: with ``max``, at least p % of them
 are at or below it; with ``min``, at least p % are at or above it (without a percentile it is about their mean). A
-ratio is taken member by member, since both metrics saw the same noise. With a ``confidence`` the statement is made
-with a distribution-free bound, the order statistic of the binomial law. In a single world members are independent. Over
-several worlds the world is the independent unit: the bound is then on the worlds' own percentiles, so a check that
-holds says that, with this confidence, at least p % of worlds keep the limit in at least p % of their members.
-Where there are too few members (or worlds) for the confidence asked for, the check fails: 59 are needed for 95 % at
-95 %.
+ratio or a difference is taken member by member, since both metrics saw the same noise. With a ``confidence`` the
+statement is made with a distribution-free bound, the order statistic of the binomial law. In a single world members are
+independent. Over several worlds the world is the independent unit: the bound is then on the worlds' own percentiles, so
+a check that holds says that, with this confidence, at least p % of worlds keep the limit in at least p % of their
+members. Where there are too few members (or worlds) for the confidence asked for, the check fails: 59 are needed for 95
+% at 95 %.
 """
 
 from __future__ import annotations
@@ -50,6 +50,9 @@ def _judge(check: Check, table: Table) -> Outcome:
         below = table[check.ratio_to]
         ratios = np.divide(values, below, out=np.full_like(values, math.nan), where=(below != 0.0) & np.isfinite(below))
         kept, value = _keeps(check, ratios, check.min_ratio, check.max_ratio)
+        holds = holds and kept
+    if check.difference_to is not None:
+        kept, value = _keeps(check, values - table[check.difference_to], None, check.max_difference)
         holds = holds and kept
     return Outcome(check=check, value=value, ok=holds)
 

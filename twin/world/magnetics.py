@@ -10,7 +10,8 @@ rounded).
 
 A magnet the size of a coin has about 1 A m^2: 25 uT across its axis at 0.16 m. It may come and go: from ``from_s`` its
 strength rises over ``ramp_s`` as a raised cosine, and falls so before ``to_s``; with ``every_s`` it does so again and
-again, as a magnet does that is swung past.
+again, as a magnet does that is swung past. A ramp given by two limits is drawn evenly between them, another in each
+world.
 
 **Soft iron** (posts, buried pipes, machines) is magnetised by the earth's field. A ball of radius a and relative
 permeability mu disturbs a uniform field B_0 outside exactly as a dipole
@@ -30,15 +31,19 @@ from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, Strict, field_validator, model_validator
 
 from twin.config import Config, NonNegative, Positive, Vector3
 from twin.errors import BadInputError
+from twin.randomness import world_generator
 from twin.signals import EarthField, FloatArray
 from twin.world.terrain import Terrain
 
 _MU0_4PI_UT = 0.1
 """mu_0 / (4 pi) = 1e-7 T m / A, in uT m^3 / (A m^2)."""
+
+
+Span = Annotated[tuple[NonNegative, NonNegative], Strict(strict=False)]
 
 
 class _Piece(Config):
@@ -63,10 +68,17 @@ class MagnetConfig(_Piece):
     """It comes here."""
     to_s: Positive | None = None
     """It has gone here; without it, it stays."""
-    ramp_s: NonNegative = 0.0
-    """How long its coming and its going take, each."""
+    ramp_s: NonNegative | Span = 0.0
+    """How long its coming and its going take, each; or two limits between which each world draws it."""
     every_s: Positive | None = None
     """It comes and goes again after this time, counted from coming to coming."""
+
+    @field_validator("ramp_s")
+    @classmethod
+    def _in_order(cls, value: float | tuple[float, float]) -> float | tuple[float, float]:
+        if isinstance(value, tuple) and value[0] > value[1]:
+            raise ValueError(f"[{value[0]:g}, {value[1]:g}]: the lower limit comes first")
+        return value
 
     @model_validator(mode="after")
     def _fits_in_time(self) -> Self:
@@ -74,14 +86,23 @@ class MagnetConfig(_Piece):
             if self.every_s is not None:
                 raise ValueError("every_s needs to_s: a magnet that stays does not come again")
             return self
-        if self.to_s - self.from_s < 2.0 * self.ramp_s or self.to_s <= self.from_s:
+        longest_s = self.ramp_s[1] if isinstance(self.ramp_s, tuple) else self.ramp_s
+        if self.to_s - self.from_s < 2.0 * longest_s or self.to_s <= self.from_s:
             raise ValueError(f"to_s = {self.to_s:g} has to be later than from_s by two ramps of ramp_s or more")
         if self.every_s is not None and self.every_s < self.to_s - self.from_s:
             raise ValueError(f"every_s = {self.every_s:g} is shorter than it stays, {self.to_s - self.from_s:g} s")
         return self
 
+    def in_world(self, seed: int, index: int) -> MagnetConfig:
+        """The ``index``-th magnet as it is in the world of this seed: with one ramp."""
+        if not isinstance(self.ramp_s, tuple):
+            return self
+        ramp_s = float(world_generator(seed, f"magnetics.magnets.{index}.ramp").uniform(*self.ramp_s))
+        return self.model_copy(update={"ramp_s": ramp_s})
+
     def share(self, t_s: float) -> float:
-        """Share of its moment that is there at a time, 0 to 1."""
+        """Share of its moment that is there at a time, 0 to 1; its ramp has been drawn (:meth:`in_world`)."""
+        assert not isinstance(self.ramp_s, tuple)
         since = t_s - self.from_s
         if since < 0.0:
             return 0.0
@@ -142,9 +163,9 @@ class Magnetics:
         BadInputError: a magnet or a piece of iron does not lie on the terrain.
     """
 
-    def __init__(self, config: MagneticsConfig, terrain: Terrain) -> None:
+    def __init__(self, config: MagneticsConfig, terrain: Terrain, *, seed: int = 0) -> None:
         self._earth_ut = config.earth_field.enu_ut
-        self._magnets = config.magnets
+        self._magnets = [magnet.in_world(seed, index) for index, magnet in enumerate(config.magnets)]
         pieces = (*config.magnets, *config.iron)
         induced = [_induced_moment(piece, self._earth_ut) for piece in config.iron]
         moments = [np.array(magnet.moment_a_m2) for magnet in config.magnets] + induced

@@ -89,7 +89,7 @@ class World:
         self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
         self.signs = put_up(signs, terrain)
         self._light = light if light is not None else LightConfig()
-        self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain)
+        self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain, seed=seed)
         self.machine = machine
         self.seed = seed
         self.dt_ns = dt_ns
