@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 import pytest
+from twin.stressresult import StressResult, merge_results
 
 import twin
 from twin.geometry import wrap_angle
@@ -14,7 +15,6 @@ from twin.replay import differing, replay
 from twin.scenario import bundled, load
 from twin.scoring import baselines, score
 from twin.stress import make_plan, run_tasks
-from twin.stressresult import StressResult, merge_results
 
 PAPER = (
     "complementary",
