@@ -40,6 +40,7 @@ from twin.estimators.heading_model import (
     BiasSeen,
     D,
     HeadingMotion,
+    S,
     T,
     V,
     VelocitySeen,
@@ -69,7 +70,7 @@ KIND = "heading_filter"
 _RESTING_RAD_RTS = float(np.deg2rad(0.005))
 """Growth of the attitude's uncertainty at rest: sway of the ground, not of the gyroscope."""
 _TURN_RAD = float(np.pi)
-"""A half turn makes of a scale error, taken for white, the right angle error; less of a turn, more than that."""
+"""A half turn makes of a cross-axis error, taken for white, the right angle error; less of a turn, more than that."""
 _RESTING_M_S = 0.01
 """How well a resting machine rests."""
 _GAP_RATE_RAD_S, _GAP_ACCEL_M_S2 = 0.5, 1.0
@@ -179,6 +180,7 @@ class HeadingFilter:
         sigma[B : B + 3] = self._sheet.gyro if standing else self._sheet.bias
         sigma[V : V + 2] = config.noise.speed_m_s
         sigma[D0], sigma[D] = config.declination_sigma_rad, config.deviation_sigma_rad
+        sigma[S : S + 3] = self._sheet.scale
         return np.tile(np.diag(sigma**2), (self._runs, 1, 1))
 
     # --- in ----------------------------------------------------------------------------------------------------------
@@ -218,17 +220,22 @@ class HeadingFilter:
         turned = self.attitude.heading + self._preparation.turned
         self.attitude.level(first, roll=roll, pitch=pitch, heading=turned)
         self._started = self._started | first
+        told = first & ~np.isnan(self._preparation.scale_sigma)
+        if told.any():
+            P = self.engine.P.copy()
+            P[told, S + 2, S + 2] = self._preparation.scale_sigma[told] ** 2
+            self.engine.restore(self.engine.x, P)
 
     def _predict(self, sample: HeadingSample) -> None:
         """Find out who rests, follow the gyroscope, and gather what it may be off by."""
         dt_s = sample.dt_s
         self._resting = self._find_rest(sample)
-        bias = self.engine.x[:, B : B + 3]
+        x = self.engine.x
         turning = ~self._resting & self._started
-        self._rate = np.where(turning[:, np.newaxis], sample.rate - bias, 0.0)
-        self._motion.attitude = self.attitude.turn(self._rate, dt_s)
-        turned = np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)) * dt_s
-        self._noise_of(sample, turning, turned)
+        rate = (1.0 - x[:, S : S + 3]) * (sample.rate - x[:, B : B + 3])
+        self._rate = np.where(turning[:, np.newaxis], rate, 0.0)
+        self._motion.attitude, self._motion.rate = self.attitude.turn(self._rate, dt_s), self._rate
+        self._noise_of(sample, turning)
         force = rotate(self._motion.attitude, sample.force)
         force = np.where(self._started[:, np.newaxis], force, np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2]))
         self.engine.predict(self._motion, force, dt_s)
@@ -258,20 +265,27 @@ class HeadingFilter:
             self.engine.restore(x, P + cause[:, :, np.newaxis] * cause[:, np.newaxis, :])
         return found.resting
 
-    def _noise_of(self, sample: HeadingSample, turning: BoolArray, turned: FloatArray) -> None:
-        """What this step adds: noise and scale of the sensors, and what was not heard; ``turned`` (R,) in rad."""
+    def _noise_of(self, sample: HeadingSample, turning: BoolArray) -> None:
+        """What this step adds: noise and cross-axis errors of the sensors, and what was not heard."""
         config, sheet, noise, dt_s = self._config, self._sheet, self._motion.noise, sample.dt_s
         silent_s = np.where(sample.inertial, dt_s - self._step_s, dt_s)
-        told = self._preparation.scale_sigma
-        scale = np.where(np.isnan(told), sheet.scale, told)
-        heard = (sheet.gyro * self._step_s) ** 2 + scale**2 * turned * _TURN_RAD
-        turning_variance = heard + (_GAP_RATE_RAD_S * silent_s) ** 2
-        noise.turn_variance = np.where(turning, turning_variance, _RESTING_RAD_RTS**2 * dt_s)
+        turned = np.sqrt(np.einsum("ri,ri->r", self._rate, self._rate)) * dt_s
+        white = (sheet.gyro * self._step_s) ** 2 + (_GAP_RATE_RAD_S * silent_s) ** 2
+        turning_variance = white[:, np.newaxis] + self._leaked(dt_s)
+        noise.turn_variance = np.where(turning[:, np.newaxis], turning_variance, _RESTING_RAD_RTS**2 * dt_s)
         noise.speed_variance = (sheet.accel * self._step_s) ** 2 + (_GAP_ACCEL_M_S2 * silent_s) ** 2
         noise.deviation_variance = self._field.deviation_variance
         noise.deviation_kept = np.exp(-dt_s / config.deviation_s - turned / config.deviation_turn_rad)
         if self._wheels is not None:
             noise.slip_variance = self._wheels.take_slip_variance()
+
+    def _leaked(self, dt_s: float) -> FloatArray:
+        """Variance (R, 3), world axes, of what each gyroscope axis reads of the rates about the two others."""
+        square = self._rate**2
+        across = np.sqrt(square.sum(axis=1, keepdims=True) - square)
+        config = self._config.noise
+        lasting = np.maximum(across - config.sway_rad_s, 0.0) * dt_s * _TURN_RAD
+        return rotate(self._motion.attitude**2, config.gyro_cross_axis_ratio**2 * lasting)
 
     def _hear_velocity(self, sample: HeadingSample) -> None:
         """The machine stays about where it is; at rest, just where it is."""

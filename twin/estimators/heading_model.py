@@ -13,12 +13,13 @@ D0     1    constant part of the local field's deviation from magnetic north, ra
 D      1    its part that comes and goes: Gauss-Markov (buildings, iron in the ground, hard iron left over)
 C      1    heading minus the heading counted by the wheels, rad: drifts as the wheels slip
 V      2    horizontal velocity, world axes, m/s
+S      3    scale error s of each gyroscope axis: it reads (1 + s) w + b
 ====== ==== =========================================================================================
 
-Motion, with w = gyroscope - b:  theta' = -C_held (db),  b' = white,  D fades with time and with the angle turned (iron
-that the body carries pushes the field another way after a turn) and is driven by white noise,  C' = white with the way
-and the turn,  V' = the horizontal part of a + theta x a with a = C_held f. Observations: what each says of theta is
-linear, because theta lives in the axes in which gravity and north are fixed.
+Motion, with w = (1 - s) (gyroscope - b):  theta' = -C_held (db + w ds),  b' = white,  s' = 0,  D fades with time and
+with the angle turned (iron that the body carries pushes the field another way after a turn) and is driven by white
+noise,  C' = white with the way and the turn,  V' = the horizontal part of a + theta x a with a = C_held f.
+Observations: what each says of theta is linear, because theta lives in the axes in which gravity and north are fixed.
 
 **Gravity** enters by the velocity. An accelerometer cannot tell a tilt from an acceleration, but a machine that stays
 about where it is cannot accelerate one way for long: its velocity is zero to within a metre a second or so, while a
@@ -44,8 +45,8 @@ import numpy as np
 from twin.compiled import compiled
 from twin.signals import FloatArray
 
-T, B, D0, D, C, V = 0, 3, 6, 7, 8, 9
-SIZE = 11
+T, B, D0, D, C, V, S = 0, 3, 6, 7, 8, 9, 11
+SIZE = 14
 
 
 @dataclass(slots=True)
@@ -53,7 +54,7 @@ class StepNoise:
     """What differs from step to step and from member to member; set before each prediction."""
 
     turn_variance: FloatArray
-    """(R,) of each component of theta gathered in this step, rad^2."""
+    """(R, 3) of theta gathered in this step, world axes, rad^2."""
     slip_variance: FloatArray
     """(R,) of C gathered in this step, rad^2."""
     speed_variance: FloatArray
@@ -65,21 +66,26 @@ class StepNoise:
 
 
 class HeadingMotion:
-    """Motion of the error state; ``attitude`` (R, 3, 3), body to world, and ``noise`` are set before a prediction."""
+    """Motion of the error state.
+
+    Before a prediction are set: ``attitude`` (R, 3, 3), body to world; ``rate`` (R, 3), that of the body; ``noise``.
+    """
 
     def __init__(self, *, bias_walk_rad_s_rts: float, runs: int) -> None:
         self.attitude: FloatArray = np.tile(np.eye(3), (runs, 1, 1))
-        self.noise = StepNoise(np.zeros(runs), np.zeros(runs), np.zeros(runs), np.ones(runs), np.zeros(runs))
+        self.rate: FloatArray = np.zeros((runs, 3))
+        self.noise = StepNoise(np.zeros((runs, 3)), np.zeros(runs), np.zeros(runs), np.ones(runs), np.zeros(runs))
         self._bias_density = bias_walk_rad_s_rts**2
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-        """State after ``dt_s`` (R, 11), the held attitude having followed the gyroscope, and its Jacobian.
+        """State after ``dt_s`` (R, 14), the held attitude having followed the gyroscope, and its Jacobian.
 
         ``u`` (R, 3) is the specific force in world axes, by the attitude held, m/s^2.
         """
         F = np.zeros((len(x), SIZE, SIZE))
         F[:] = np.eye(SIZE)
         F[:, T : T + 3, B : B + 3] = -dt_s * self.attitude
+        F[:, T : T + 3, S : S + 3] = -dt_s * self.attitude * self.rate[:, np.newaxis, :]
         F[:, D, D] = self.noise.deviation_kept
         for axis in range(2):
             first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -92,10 +98,10 @@ class HeadingMotion:
         return moved, F
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
-        """Process noise (R, 11, 11)."""
+        """Process noise (R, 14, 14)."""
         Q = np.zeros((len(self.noise.turn_variance), SIZE, SIZE))
         for axis in range(3):
-            Q[:, T + axis, T + axis] = self.noise.turn_variance
+            Q[:, T + axis, T + axis] = self.noise.turn_variance[:, axis]
             Q[:, B + axis, B + axis] = self._bias_density * dt_s
         Q[:, V, V] = Q[:, V + 1, V + 1] = self.noise.speed_variance
         Q[:, D, D] = self.noise.deviation_variance * (1.0 - self.noise.deviation_kept**2)
@@ -116,7 +122,7 @@ class VelocitySeen:
         return x[:, V : V + 2]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (2, 11)."""
+        """Jacobian (2, 14)."""
         return self._H
 
 
@@ -134,7 +140,7 @@ class FieldSeen:
         return expected
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (1, 11)."""
+        """Jacobian (1, 14)."""
         return self._H
 
 
@@ -151,7 +157,7 @@ class WheelsSeen:
         return x[:, T + 2 : T + 3] - x[:, C : C + 1]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (1, 11)."""
+        """Jacobian (1, 14)."""
         return self._H
 
 
@@ -168,7 +174,7 @@ class BiasSeen:
         return x[:, B : B + 3]
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
-        """Jacobian (3, 11)."""
+        """Jacobian (3, 14)."""
         return self._H
 
 

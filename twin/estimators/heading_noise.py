@@ -20,6 +20,11 @@ class HeadingNoiseConfig(Config):
     gyro_bias_walk_rad_s_rts: Positive = 1e-5
     """Growth of the bias per root of a second (MPU6050: 0.3e-5 in one room, more while it warms up)."""
     gyro_scale_ratio: NonNegative = 0.01
+    """Scale error of a gyroscope axis."""
+    gyro_cross_axis_ratio: NonNegative = 0.01
+    """What a gyroscope axis reads of the others' rates (MPU6050 data sheet: +-2 %, read as two sigma)."""
+    sway_rad_s: NonNegative = 0.3
+    """Rates up to this about another axis are sway that comes back, and what they leak adds up to nothing; a choice."""
     field_ut: Positive = 0.5
     """Of a magnetometer sample (paper 001, section 4.1: 0.24 to 0.70)."""
     level_rad: NonNegative = 0.01
