@@ -107,7 +107,8 @@ def test_a_sign_is_found_with_its_distance_and_bearing(look: Any, angle_deg: flo
             found = find_stop_sign(picture)
             assert found is not None, f"{away} m, turned by {turn}"
             distance, bearing = _place(found)
-            assert distance == pytest.approx(math.sqrt(x * x + y * y + z * z), rel=0.1)
+            # Half a pixel of the 38 / d that the red is high at a distance d, and 3 % for leaning, noise and light.
+            assert distance == pytest.approx(math.sqrt(x * x + y * y + z * z), rel=0.03 + 0.5 * away / 38.0)
             assert bearing == pytest.approx(math.atan2(y, x), abs=math.radians(1.0))
 
 

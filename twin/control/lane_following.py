@@ -107,7 +107,9 @@ class LaneFollowing(LaneDriver):
         silent = knowledge.t_ns - said.t_ns > _SILENT_S * NS_PER_S
         self._seen_s = self._seen_s + interval_s if seen and not silent else 0.0
         self._blind_m = 0.0 if self._seen_s >= config.sure_s else self._blind_m + self.speed_m_s * interval_s
-        state, share = self._judge(said.values.get(f"{LANE_OFFSET}.sigma", 0.0))
+        state, share = self._judge(
+            said.values.get(f"{LANE_OFFSET}.sigma", 0.0 if config.follows == TRUTH else math.nan)
+        )
         return state, share * config.speed_m_s, self._rate(said)
 
     @property

@@ -70,7 +70,8 @@ KIND = "heading_filter"
 _RESTING_RAD_RTS = float(np.deg2rad(0.005))
 """Growth of the attitude's uncertainty at rest: sway of the ground, not of the gyroscope."""
 _TURN_RAD = float(np.pi)
-"""A half turn makes of a cross-axis error, taken for white, the right angle error; less of a turn, more than that."""
+"""A half turn makes of a cross-axis error, taken for white, the right angle error; less of a turn, more than that.
+A scale error that fades over half of this comes to the same over long turns, and cancels over short ones to and fro."""
 _RESTING_M_S = 0.01
 """How well a resting machine rests."""
 _GAP_RATE_RAD_S, _GAP_ACCEL_M_S2 = 0.5, 1.0
@@ -134,6 +135,7 @@ class HeadingFilter:
         self._sheet = Sheet.of(infos[IMU], infos.get(MAGNETOMETER), config.noise)
         self._preparation = Preparation(config.preparation, step_s=self._step_s, runs=runs)
         self._motion = HeadingMotion(bias_walk_rad_s_rts=self._sheet.bias_walk, runs=runs)
+        self._motion.noise.scale_variance[:] = self._sheet.scale**2
         self._velocity = VelocitySeen()
         self._resting_bias = BiasSeen(self._sheet.gyro**2)
         self._rest = RestDetector(
@@ -222,8 +224,10 @@ class HeadingFilter:
         self._started = self._started | first
         told = first & ~np.isnan(self._preparation.scale_sigma)
         if told.any():
+            variance = self._motion.noise.scale_variance
+            variance[told, 2] = self._preparation.scale_sigma[told] ** 2
             P = self.engine.P.copy()
-            P[told, S + 2, S + 2] = self._preparation.scale_sigma[told] ** 2
+            P[told, S + 2, S + 2] = variance[told, 2]
             self.engine.restore(self.engine.x, P)
 
     def _predict(self, sample: HeadingSample) -> None:
@@ -275,6 +279,7 @@ class HeadingFilter:
         noise.turn_variance = np.where(turning[:, np.newaxis], turning_variance, _RESTING_RAD_RTS**2 * dt_s)
         noise.speed_variance = (sheet.accel * self._step_s) ** 2 + (_GAP_ACCEL_M_S2 * silent_s) ** 2
         noise.deviation_variance = self._field.deviation_variance
+        noise.scale_kept = np.exp(-turned / (0.5 * _TURN_RAD))
         noise.deviation_kept = np.exp(-dt_s / config.deviation_s - turned / config.deviation_turn_rad)
         if self._wheels is not None:
             noise.slip_variance = self._wheels.take_slip_variance()

@@ -13,13 +13,16 @@ D0     1    constant part of the local field's deviation from magnetic north, ra
 D      1    its part that comes and goes: Gauss-Markov (buildings, iron in the ground, hard iron left over)
 C      1    heading minus the heading counted by the wheels, rad: drifts as the wheels slip
 V      2    horizontal velocity, world axes, m/s
-S      3    scale error s of each gyroscope axis: it reads (1 + s) w + b
+S      3    scale error s of each gyroscope axis, which reads (1 + s) w + b: Gauss-Markov in the angle turned
 ====== ==== =========================================================================================
 
-Motion, with w = (1 - s) (gyroscope - b):  theta' = -C_held (db + w ds),  b' = white,  s' = 0,  D fades with time and
-with the angle turned (iron that the body carries pushes the field another way after a turn) and is driven by white
-noise,  C' = white with the way and the turn,  V' = the horizontal part of a + theta x a with a = C_held f.
-Observations: what each says of theta is linear, because theta lives in the axes in which gravity and north are fixed.
+Motion, with w = (1 - s) (gyroscope - b):  theta' = -C_held (db + w ds),  b' = white,  D fades with time and with the
+angle turned (iron that the body carries pushes the field another way after a turn) and is driven by white noise,  C' =
+white with the way and the turn,  V' = the horizontal part of a + theta x a with a = C_held f. A scale error is
+constant, but s fades like D: over a whole turn nothing here tells it from what a field does that deviates with the
+heading, and who holds on to what it learnt of one pays with the other. So s stands for what turns to and fro cancel and
+turns on and on add up. Observations: what each says of theta is linear, because theta lives in the axes in which
+gravity and north are fixed.
 
 **Gravity** enters by the velocity. An accelerometer cannot tell a tilt from an acceleration, but a machine that stays
 about where it is cannot accelerate one way for long: its velocity is zero to within a metre a second or so, while a
@@ -63,6 +66,10 @@ class StepNoise:
     """(R,) what is left of D after this step, 0 to 1."""
     deviation_variance: FloatArray
     """(R,) of D where it has wandered long, rad^2."""
+    scale_kept: FloatArray
+    """(R,) what is left of S after this step, 0 to 1."""
+    scale_variance: FloatArray
+    """(R, 3) of S where it has wandered long."""
 
 
 class HeadingMotion:
@@ -74,7 +81,16 @@ class HeadingMotion:
     def __init__(self, *, bias_walk_rad_s_rts: float, runs: int) -> None:
         self.attitude: FloatArray = np.tile(np.eye(3), (runs, 1, 1))
         self.rate: FloatArray = np.zeros((runs, 3))
-        self.noise = StepNoise(np.zeros((runs, 3)), np.zeros(runs), np.zeros(runs), np.ones(runs), np.zeros(runs))
+        zero, one = np.zeros(runs), np.ones(runs)
+        self.noise = StepNoise(
+            turn_variance=np.zeros((runs, 3)),
+            slip_variance=zero,
+            speed_variance=zero,
+            deviation_kept=one,
+            deviation_variance=zero,
+            scale_kept=one,
+            scale_variance=np.zeros((runs, 3)),
+        )
         self._bias_density = bias_walk_rad_s_rts**2
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
@@ -87,6 +103,7 @@ class HeadingMotion:
         F[:, T : T + 3, B : B + 3] = -dt_s * self.attitude
         F[:, T : T + 3, S : S + 3] = -dt_s * self.attitude * self.rate[:, np.newaxis, :]
         F[:, D, D] = self.noise.deviation_kept
+        F[:, S, S] = F[:, S + 1, S + 1] = F[:, S + 2, S + 2] = self.noise.scale_kept
         for axis in range(2):
             first, second = (axis + 1) % 3, (axis + 2) % 3
             # (theta x a)_axis = theta_first a_second - theta_second a_first
@@ -95,12 +112,15 @@ class HeadingMotion:
         moved = x.copy()
         moved[:, V : V + 2] += dt_s * u[:, :2]
         moved[:, D] = self.noise.deviation_kept * x[:, D]
+        moved[:, S : S + 3] = self.noise.scale_kept[:, np.newaxis] * x[:, S : S + 3]
         return moved, F
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
         """Process noise (R, 14, 14)."""
         Q = np.zeros((len(self.noise.turn_variance), SIZE, SIZE))
+        renewed = 1.0 - self.noise.scale_kept**2
         for axis in range(3):
+            Q[:, S + axis, S + axis] = self.noise.scale_variance[:, axis] * renewed
             Q[:, T + axis, T + axis] = self.noise.turn_variance[:, axis]
             Q[:, B + axis, B + axis] = self._bias_density * dt_s
         Q[:, V, V] = Q[:, V + 1, V + 1] = self.noise.speed_variance

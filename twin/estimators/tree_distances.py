@@ -20,7 +20,8 @@ after tree 4 is not in the paper: it is lost. With ``repeat_spacing_m``, **an ex
 that much ahead of the present one, and takes over when the present one has been passed.
 
 Every beam is taken for one of now: nothing is done about the turn of 0.2 s in which the machine moves on. The left is
-seen half a turn before the right, so of a pair ahead at the angle b, L1 is too long by v cos(b) T / 2.
+seen before the right, by (1 - b / pi) T of a turn T for a pair ahead at the angle b, so L1 is too long by
+v cos(b) (1 - b / pi) T: 7.7 cm at 0.5 m/s and 25 degrees.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How a machine kept to its lane, and to its distance from the trees: what closed loops are judged by.
 
-The offset is that of the middle of the driven axle from the lane's axis, positive to the left, over the whole run from
-``scoring.from_s`` on. ``finished`` is 1 for a run whose driver stopped, at the sign or at the end of the lane, without
+The offset is that of the middle of the driven axle from the lane's axis, positive to the left, from ``scoring.from_s``
+on; its root mean square is over the time in which the driver neither stands nor has stopped. ``finished`` is 1 for a run whose driver stopped, at the sign or at the end of the lane, without
 having touched a tree.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.control.lane_keeping import STOPPED_AT_END, STOPPED_AT_SIGN, LaneDriverConfig
+from twin.control.lane_keeping import STANDING, STOPPED_AT_END, STOPPED_AT_SIGN, LaneDriverConfig
 from twin.recording import Stream
 from twin.scenario import Scenario
 from twin.signals import CLEARANCE, LANE_OFFSET, FloatArray, nanoseconds
@@ -40,19 +40,26 @@ def metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
         nearest = float(truth.column(CLEARANCE).min())
         found |= {_CLEARANCE: nearest, _COLLIDED: float(nearest <= 0.0)}
     if truth.has(LANE_OFFSET) and isinstance(scenario.driver, LaneDriverConfig):
-        counted = truth.t_ns >= nanoseconds(scenario.scoring.from_s)
-        offset = truth.column(LANE_OFFSET)[counted, 0]
-        if len(offset):
-            sizes = [math.sqrt(float(np.mean(offset**2))), float(np.abs(offset).max()), float(offset[-1])]
-        else:
-            sizes = [math.nan] * len(_OFFSETS)
-        found |= dict(zip(_OFFSETS, sizes, strict=True))
-        found[_WAY] = _way(truth, math.radians(scenario.machine.start.heading_deg))
+        found |= dict(zip(_OFFSETS, _sizes(truth, scenario, scenario.driver.states), strict=True))
+        axis_deg = scenario.machine.start.heading_deg - scenario.driver.start_heading_deg
+        found[_WAY] = _way(truth, math.radians(axis_deg))
         last = scenario.driver.states[round(float(truth.column("segment")[-1, 0]))]
         found |= {name: float(last == state) for name, state in _STOPS.items()}
         touched = found.get(_COLLIDED, 0.0) > 0.0
         found[_FINISHED] = float(last in _STOPS.values() and not touched)
     return {name: np.array([value]) for name, value in found.items()}
+
+
+def _sizes(truth: Stream, scenario: Scenario, states: Sequence[str]) -> tuple[float, float, float]:
+    """Root mean square while driving, largest and last offset, m; NaN where there is none."""
+    counted = truth.t_ns >= nanoseconds(scenario.scoring.from_s)
+    moving = [not state.startswith((STANDING, "stopped")) for state in states]
+    driving = counted & np.array(moving)[truth.column("segment")[:, 0].astype(int)]
+    offset = truth.column(LANE_OFFSET)[:, 0]
+    rms = math.sqrt(float(np.mean(offset[driving] ** 2))) if driving.any() else math.nan
+    if not counted.any():
+        return rms, math.nan, math.nan
+    return rms, float(np.abs(offset[counted]).max()), float(offset[counted][-1])
 
 
 def _way(truth: Stream, heading_rad: float) -> float:
