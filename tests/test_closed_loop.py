@@ -137,7 +137,7 @@ def test_a_machine_may_not_start_in_a_tree(scenario_file: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("driver.follows", "headng", "driver: unknown estimator 'headng'; did you mean 'heading'"),
+        ("driver.follows", "headng", "driver.follows: unknown estimator 'headng'; did you mean 'heading'"),
         ("driver.camera", "camra", "driver.camera: unknown sensor 'camra'"),
         ("driver.kind", "heading_hlod", "driver"),
         ("driver.lane_m", -1.0, "driver.lane_m"),

@@ -21,7 +21,6 @@ from twin.scoring.checks import require_known
 from twin.scoring.metrics import metric_names
 from twin.scoring.planting import seed_streams
 from twin.signals import (
-    CLEARANCE,
     COLLISION,
     LANE_HEADING,
     LANE_OFFSET,
@@ -248,7 +247,6 @@ class Journey:
         self._listens = scenario.driver.listens
         self._keeps_lane = isinstance(scenario.driver, LaneDriverConfig)
         columns = (*world.truth_columns, "segment", *((LANE_OFFSET, LANE_HEADING) if self._keeps_lane else ()))
-        self._clearance_at = columns.index(CLEARANCE) if CLEARANCE in columns else None
         self._truth = StreamWriter(columns, 1)
         self._last_segment = -1
         for name, need in observer.needs.items():
@@ -263,12 +261,13 @@ class Journey:
             t_ns = tick * world.dt_ns
             for name in observer.due(tick):
                 observer.observe(name, world.capture(name))
-            collided = False
-            if tick == next_truth:
-                collided = self._note_truth(t_ns)
-                next_truth += self._truth_every
+            collided = tick == next_control and world.touching
+            if tick == next_truth or collided:
+                self._note_truth(t_ns)
+                next_truth = tick + self._truth_every
             observer.advance(t_ns)
             if collided:
+                self.events.append(Event(t_ns=t_ns, source="world", level="error", text="the machine touched a tree"))
                 return COLLISION
             if tick == next_control:
                 knowledge = self._knowledge(t_ns)
@@ -284,15 +283,11 @@ class Journey:
             if reason is not None:
                 return reason
 
-    def _note_truth(self, t_ns: int) -> bool:
-        """Write down what is true now; tell whether the machine touches a tree."""
+    def _note_truth(self, t_ns: int) -> None:
+        """Write down what is true now."""
         row = self._world.truth()
         beside: FloatArray = np.array([float(self._driver.segment), *(self._in_lane() if self._keeps_lane else ())])
         self._truth.append(t_ns, row[np.newaxis, :], beside[np.newaxis, :])
-        if self._clearance_at is None or row[self._clearance_at] > 0.0:
-            return False
-        self.events.append(Event(t_ns=t_ns, source="world", level="error", text="the machine touched a tree"))
-        return True
 
     def _in_lane(self) -> tuple[float, float]:
         """Offset (m) and heading (rad) against the planned axis."""

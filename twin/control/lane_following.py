@@ -26,7 +26,7 @@ from twin.control.lane_keeping import (
     LaneDriver,
     LaneDriverConfig,
 )
-from twin.signals import LANE_HEADING, LANE_OFFSET, NS_PER_S, Knowledge, Said
+from twin.signals import LANE_HEADING, LANE_OFFSET, NS_PER_S, ROWS_SEEN, Knowledge, Said
 
 DRIVING = "driving"
 SLOW_BLIND = "slow: rows not seen"
@@ -84,7 +84,7 @@ class LaneFollowingConfig(LaneDriverConfig):
     def needed_columns(self) -> dict[str, tuple[str, ...]]:
         """Columns that are needed of those listened to."""
         needed = super().needed_columns
-        columns = (LANE_OFFSET, LANE_HEADING, "rows_seen")
+        columns = (LANE_OFFSET, LANE_HEADING, ROWS_SEEN)
         return needed | {name: (*needed.get(name, ()), *columns) for name in self.follows_whom}
 
 
@@ -101,9 +101,9 @@ class LaneFollowing(LaneDriver):
         """Return the state to be in, the speed wanted (m/s) and the yaw rate (rad/s)."""
         config = self._config
         said = self.in_lane(knowledge) if config.follows == TRUTH else knowledge.said.get(config.follows)
-        if said is None or (self._waits and said.values.get("rows_seen", 1.0) == 0.0):
+        if said is None or (self._waits and said.values.get(ROWS_SEEN, 1.0) == 0.0):
             return STANDING, 0.0, 0.0
-        seen = said.values.get("rows_seen", 1.0) > 0.0
+        seen = said.values.get(ROWS_SEEN, 1.0) > 0.0
         silent = knowledge.t_ns - said.t_ns > _SILENT_S * NS_PER_S
         self._seen_s = self._seen_s + interval_s if seen and not silent else 0.0
         self._blind_m = 0.0 if self._seen_s >= config.sure_s else self._blind_m + self.speed_m_s * interval_s

@@ -18,13 +18,24 @@ from pydantic import Field
 
 from twin.config import Config, NonNegative, Positive
 from twin.geometry import Path
-from twin.signals import HEADING, LANE_HEADING, LANE_OFFSET, NS_PER_S, POSITION, Command, Knowledge, Listening, Said
+from twin.signals import (
+    HEADING,
+    LANE_HEADING,
+    LANE_OFFSET,
+    NS_PER_S,
+    POSITION,
+    SIGN_RANGE,
+    SIGN_SEEN,
+    Command,
+    Knowledge,
+    Listening,
+    Said,
+)
 
 STANDING = "standing"
 STOPPED_AT_SIGN = "stopped at the sign"
 STOPPED_AT_END = "stopped at the end of the lane"
 
-SIGN_SEEN, SIGN_RANGE = "sign_seen", "sign_range_m"
 TRUTH = "truth"
 
 

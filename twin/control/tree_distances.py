@@ -20,8 +20,9 @@ l = 5.5 cm and T about 0.3 s the swings die down below 0.18 m/s and grow above. 
 before the first swing is.
 
 From pair to pair sin(b) falls and rises with the trees' spacing. Where the wavelength is twice the spacing, that
-pumps it (Mathieu's equation): with trees 1 m apart and a mean sine of 0.82 (a pair is in use from 0.68 m ahead to 0.32 m
-behind) about v = 2 k sin(b) (1 m / pi)^2 = 0.17 m/s. Seen in runs: calm at 0.13 and 0.19 m/s, into the trees at 0.15.
+pumps it (Mathieu's equation): with trees 1 m apart and a mean sine of 0.82 (a pair is in use from 0.68 m ahead to
+0.32 m behind) about v = 2 k sin(b) (1 m / pi)^2 = 0.17 m/s. Seen in runs: calm at 0.13 and 0.19 m/s, into the trees at
+0.15.
 """
 
 from __future__ import annotations

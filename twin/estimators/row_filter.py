@@ -48,6 +48,7 @@ from twin.signals import (
     LANE_HEADING,
     LANE_OFFSET,
     NS_PER_S,
+    ROWS_SEEN,
     BoolArray,
     Estimate,
     EstimatorSetup,
@@ -124,7 +125,7 @@ class RowFilter:
         self._fit: FloatArray = np.full((runs, 2), np.nan)
         self._fit_sigma: FloatArray = np.full((runs, 2), np.nan)
         way = ("since_fix_m",) if self._moves.counts_way else ()
-        diagnostics = ("rows_seen", "trunks_seen", "fit_offset_m", "fit_heading_rad", "since_fix_s", *way)
+        diagnostics = (ROWS_SEEN, "trunks_seen", "fit_offset_m", "fit_heading_rad", "since_fix_s", *way)
         self.columns: tuple[str, ...] = (LANE_OFFSET, LANE_HEADING, *diagnostics)
 
     def _start_covariance(self) -> FloatArray:
@@ -139,9 +140,13 @@ class RowFilter:
     # --- in ----------------------------------------------------------------------------------------------------------
 
     def process(self, measurement: Measurement) -> None:
-        """Take one measurement, in order of arrival; of several scans between two estimates the latest counts."""
+        """Take one measurement, in order of arrival.
+
+        Of several scans between two estimates the latest counts; copies and scans older than one taken before do not.
+        """
         if measurement.sensor == self._sheet.name:
-            if self._scan is None or measurement.t_ns >= self._scan.t_ns:
+            known_ns = self._scan_ns if self._scan is None else self._scan.t_ns
+            if known_ns is None or measurement.t_ns > known_ns:
                 self._scan = measurement
             return
         self._moves.process(measurement)

@@ -210,12 +210,14 @@ class Scenario(Config):
     @model_validator(mode="after")
     def _driver_hears(self) -> Self:
         listens = self.driver.listens
-        for name in listens.estimators:
-            if name not in self.estimators:
-                raise ValueError(f"driver: {unknown(name, self.estimators, 'estimator')}")
-        for name in listens.sensors:
-            if name not in self.sensors:
-                raise ValueError(f"driver.camera: {unknown(name, self.sensors, 'sensor')}")
+        heard: dict[str, tuple[Mapping[str, Any], tuple[str, ...]]] = {
+            "estimator": (self.estimators, listens.estimators),
+            "sensor": (self.sensors, listens.sensors),
+        }
+        for what, (known, names) in heard.items():
+            for key, name in self.driver.model_dump(include={"follows", "odometer", "camera"}).items():
+                if name in names and name not in known:
+                    raise ValueError(f"driver.{key}: {unknown(name, known, what)}")
         return self
 
     @model_validator(mode="after")

@@ -1,8 +1,8 @@
 """How a machine kept to its lane, and to its distance from the trees: what closed loops are judged by.
 
 The offset is that of the middle of the driven axle from the lane's axis, positive to the left, from ``scoring.from_s``
-on; its root mean square is over the time in which the driver neither stands nor has stopped. ``finished`` is 1 for a run whose driver stopped, at the sign or at the end of the lane, without
-having touched a tree.
+on; its root mean square is over the time in which the driver neither stands nor has stopped. ``finished`` is 1 for a
+run whose driver stopped, at the sign or at the end of the lane, without having touched a tree.
 """
 
 from __future__ import annotations

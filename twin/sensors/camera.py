@@ -31,9 +31,8 @@ from twin.config import NonNegative, Positive
 from twin.randomness import value_generator
 from twin.sensors.base import Reading, Sensor, SensorConfig
 from twin.sensors.stop_sign import find_stop_sign
-from twin.signals import Capture, FloatArray, ImageNeed, Mount, Need, Picture
+from twin.signals import SIGN_BEARING, SIGN_RANGE, SIGN_SEEN, Capture, FloatArray, ImageNeed, Mount, Need, Picture
 
-SIGN_SEEN, SIGN_RANGE, SIGN_BEARING = "sign_seen", "sign_range_m", "sign_bearing_rad"
 BOX = ("box_left_px", "box_top_px", "box_width_px", "box_height_px")
 
 _GAMMA = 2.2

@@ -98,5 +98,5 @@ class WheelEncoders(Sensor):
         }
 
     def _error_sigma(self, config: SensorConfig) -> FloatArray:  # noqa: ARG002  (part of the protocol)
-        """Rounding down a way counted from a drawn phase: the difference of two uniform numbers of slots, triangular."""
+        """Rounding down from a drawn phase: the difference of two uniform numbers of slots, which is triangular."""
         return np.full(2, math.sqrt(1.0 / 6.0))

@@ -78,6 +78,8 @@ def _over_one_truth(loaded: LoadedScenario, plan: Plan) -> TaskResult:
     tape = Tape(scenario)
     with open_world(loaded) as built:
         journey = Journey(scenario, built, tape)
+        columns = open_members(loaded, runs=(0,), keep_measurements=False).estimate_columns
+        require_known(scenario, metric_names(scenario, journey.truth_columns, columns), where=str(loaded.path))
         reason = journey.go()
         ended_t_s = built.tick * built.dt_ns / NS_PER_S
     truth = journey.truth_stream()
@@ -143,7 +145,6 @@ def _score_block(
     scenario = loaded.scenario
     members = open_members(loaded, runs=runs, keep_measurements=False)
     columns = members.estimate_columns
-    require_known(scenario, metric_names(scenario, truth.columns, columns), where=str(loaded.path))
     watcher.note_states({name: len(estimator.state_columns) for name, estimator in members.estimators.items()})
     scorer = Scorer(scenario, truth.columns, columns, runs=runs, watch=watcher.take)
     rate_hz = max((config.rate_hz for config in scenario.estimators.values()), default=50.0)

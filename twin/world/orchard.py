@@ -8,10 +8,10 @@ each is follows from the seed of the world; each lane draws for itself.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Field, Strict, model_validator
 
 from twin.config import Config, NonNegative, Positive, Probability
 from twin.errors import BadInputError
@@ -24,6 +24,7 @@ TRUNK_COLUMNS = 5
 
 _SMALLEST_SHARE = 0.3
 """No trunk is thinner than this share of the lane's mean radius."""
+_MOST_TREES = 10_000
 _BELOW_M = 0.2
 """Trunks go on below the ground, so that none hovers over a hollow."""
 
@@ -75,6 +76,13 @@ class OrchardConfig(Config):
     """Trees one by one."""
     lanes: Annotated[tuple[LaneConfig, ...], Strict(strict=False), Field(max_length=100)] = ()
     """Lanes."""
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Self:
+        trees = len(self.trees) + sum(2 * (1 + math.floor(lane.length_m / lane.spacing_m)) for lane in self.lanes)
+        if trees > _MOST_TREES:
+            raise ValueError(f"orchard: {trees} trees; at most {_MOST_TREES} are allowed")
+        return self
 
     def trunks(self, seed: int) -> FloatArray:
         """Trunks (N, TRUNK_COLUMNS) of this world with BOTTOM 0 and TOP their height: not yet on any ground."""

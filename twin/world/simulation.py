@@ -204,7 +204,7 @@ class World:
             damper[:] = figure
         self._drive.reset()
         self.tick = 0
-        if len(self.trunks) and self._clearance(self.vehicle()) <= 0.0:
+        if self.touching:
             raise BadInputError("machine.start: the machine touches a tree at its start")
 
     def _pose_on_ground(self, east: float, north: float, heading: float) -> tuple[FloatArray, FloatArray]:
@@ -300,6 +300,11 @@ class World:
             ]
         )
 
+    @property
+    def touching(self) -> bool:
+        """Whether the machine touches a tree now."""
+        return len(self.trunks) > 0 and self._clearance(self.vehicle()) <= 0.0
+
     def _clearance(self, vehicle: VehicleState) -> float:
         outline = self.machine.outline_m
         return clearance_m(self.trunks, vehicle.east_m, vehicle.north_m, vehicle.heading_rad, outline)
@@ -389,7 +394,7 @@ def build_world(
         or (wanted[2] - MARGIN_M > east or wanted[3] - MARGIN_M > north)
     ):
         raise BadInputError(
-            f"driver.path leaves the terrain: with the machine around it, it needs east {wanted[0]:.0f} to"
+            f"driver: the planned path leaves the terrain: with the machine around it, it needs east {wanted[0]:.0f} to"
             f" {wanted[2]:.0f} m and north {wanted[1]:.0f} to {wanted[3]:.0f} m; the terrain is {west:.0f} to"
             f" {east:.0f} m by {south:.0f} to {north:.0f} m"
         )
