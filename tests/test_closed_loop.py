@@ -137,9 +137,9 @@ def test_a_machine_may_not_start_in_a_tree(scenario_file: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("driver.follows", "headng", "driver.follows: unknown estimator 'headng'; did you mean 'heading'"),
-        ("driver.camera", "camra", "driver.camera: unknown sensor 'camra'"),
-        ("driver.kind", "heading_hlod", "driver"),
+        ("driver.follows", "headings", "driver.follows: unknown estimator 'headings'; did you mean 'heading'"),
+        ("driver.camera", "cameras", "driver.camera: unknown sensor 'camra'"),
+        ("driver.kind", "heading_held", "driver"),
         ("driver.lane_m", -1.0, "driver.lane_m"),
         ("scoring.smallest_ramp_m_s", 0.2, "scoring.smallest_ramp_m_s"),
     ],

@@ -6,7 +6,6 @@ import functools
 
 import numpy as np
 import pytest
-from twin.stressresult import StressResult, merge_results
 
 import twin
 from twin.geometry import wrap_angle
@@ -14,7 +13,7 @@ from twin.recording import Recording
 from twin.replay import differing, replay
 from twin.scenario import bundled, load
 from twin.scoring import baselines, score
-from twin.stress import make_plan, run_tasks
+from twin.stress import StressResult, make_plan, merge_results, run_tasks
 
 PAPER = (
     "complementary",
