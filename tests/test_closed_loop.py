@@ -138,7 +138,7 @@ def test_a_machine_may_not_start_in_a_tree(scenario_file: Path) -> None:
     ("key", "value", "message"),
     [
         ("driver.follows", "headings", "driver.follows: unknown estimator 'headings'; did you mean 'heading'"),
-        ("driver.camera", "cameras", "driver.camera: unknown sensor 'camra'"),
+        ("driver.camera", "cameras", "driver.camera: unknown sensor 'cameras'"),
         ("driver.kind", "heading_held", "driver"),
         ("driver.lane_m", -1.0, "driver.lane_m"),
         ("scoring.smallest_ramp_m_s", 0.2, "scoring.smallest_ramp_m_s"),
