@@ -79,3 +79,8 @@ def test_the_law_is_a_swing_damped_by_lever_less_delay(speed: float, delay: floa
     growth = np.polyfit(STEP_S * crossings[:-1], np.log(half), 1)[0]
     # The first order of a delay: the next is of the order of (rate T)^2.
     assert growth == pytest.approx(speed * delay - LEVER_M, abs=0.002, rel=0.5 * speed * delay + 0.02)
+
+
+def test_the_truth_tells_no_distances() -> None:
+    with pytest.raises(ValueError, match="name an estimator of kind 'tree_distances'"):
+        driver(follows="truth")

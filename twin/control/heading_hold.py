@@ -22,7 +22,6 @@ from twin.control.lane_keeping import (
     STANDING,
     STOPPED_AT_END,
     STOPPED_AT_SIGN,
-    TRUTH,
     LaneDriver,
     LaneDriverConfig,
 )
@@ -35,27 +34,15 @@ class HeadingHoldConfig(LaneDriverConfig):
     """Options of :class:`HeadingHold`."""
 
     states: ClassVar = (STANDING, DRIVING, TURNING_BACK, STOPPED_AT_SIGN, STOPPED_AT_END)
+    steers_by: ClassVar = (HEADING,)
 
     kind: Literal["heading_hold"]
-    follows: str = TRUTH
-    """Estimator of the heading, or "truth"."""
     tolerance_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 5.0
     """Heading error beyond which the robot turns back."""
     back_to_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 2.5
     """Heading error at which it has turned back far enough."""
     turn_rate_deg_s: Annotated[float, Field(gt=0.0, le=360.0)] = 45.0
     """Rate of turning back, on the spot."""
-
-    @property
-    def follows_whom(self) -> tuple[str, ...]:
-        """Estimators that the driver steers by."""
-        return () if self.follows == TRUTH else (self.follows,)
-
-    @property
-    def needed_columns(self) -> dict[str, tuple[str, ...]]:
-        """Columns that are needed of those listened to."""
-        needed = super().needed_columns
-        return needed | {name: (*needed.get(name, ()), HEADING) for name in self.follows_whom}
 
 
 class HeadingHold(LaneDriver):
@@ -68,7 +55,7 @@ class HeadingHold(LaneDriver):
     def steer(self, knowledge: Knowledge, interval_s: float) -> tuple[str, float, float]:  # noqa: ARG002
         """Return the state to be in, the speed wanted (m/s) and the yaw rate (rad/s)."""
         config = self._config
-        said = self.in_lane(knowledge) if config.follows == TRUTH else knowledge.said.get(config.follows)
+        said = self.followed(knowledge)
         error = self.heading_error(said)
         if math.isnan(error):
             return STANDING, 0.0, 0.0

@@ -50,10 +50,9 @@ class LaneFollowingConfig(LaneDriverConfig):
         STOPPED_AT_SIGN,
         STOPPED_AT_END,
     )
+    steers_by: ClassVar = (LANE_OFFSET, LANE_HEADING, ROWS_SEEN)
 
     kind: Literal["lane_following"]
-    follows: str = TRUTH
-    """Estimator of offset and heading in the lane, or "truth"."""
     steering_bandwidth_1_m: Annotated[float, Field(gt=0.0, le=20.0)] = 1.5
     """Bandwidth w of the steering feedback, per metre driven."""
     largest_rate_deg_s: Annotated[float, Field(gt=0.0, le=360.0)] = 60.0
@@ -75,18 +74,6 @@ class LaneFollowingConfig(LaneDriverConfig):
             raise ValueError(f"slow_sigma_m = {self.slow_sigma_m:g} must be less than stop_sigma_m")
         return self
 
-    @property
-    def follows_whom(self) -> tuple[str, ...]:
-        """Estimators that the driver steers by."""
-        return () if self.follows == TRUTH else (self.follows,)
-
-    @property
-    def needed_columns(self) -> dict[str, tuple[str, ...]]:
-        """Columns that are needed of those listened to."""
-        needed = super().needed_columns
-        columns = (LANE_OFFSET, LANE_HEADING, ROWS_SEEN)
-        return needed | {name: (*needed.get(name, ()), *columns) for name in self.follows_whom}
-
 
 class LaneFollowing(LaneDriver):
     """Driver of :class:`LaneFollowingConfig`."""
@@ -100,7 +87,7 @@ class LaneFollowing(LaneDriver):
     def steer(self, knowledge: Knowledge, interval_s: float) -> tuple[str, float, float]:
         """Return the state to be in, the speed wanted (m/s) and the yaw rate (rad/s)."""
         config = self._config
-        said = self.in_lane(knowledge) if config.follows == TRUTH else knowledge.said.get(config.follows)
+        said = self.followed(knowledge)
         if said is None or (self._waits and said.values.get(ROWS_SEEN, 1.0) == 0.0):
             return STANDING, 0.0, 0.0
         seen = said.values.get(ROWS_SEEN, 1.0) > 0.0

@@ -42,6 +42,8 @@ TRUTH = "truth"
 class LaneDriverConfig(Config):
     """What every driver of a lane has."""
 
+    follows: str = TRUTH
+    """Estimator that the driver steers by, or "truth"."""
     speed_m_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.5
     """Wanted speed (paper 001, chapter 2: 0.5 m/s)."""
     acceleration_m_s2: Annotated[float, Field(gt=0.0, le=5.0)] = 1.0
@@ -65,27 +67,27 @@ class LaneDriverConfig(Config):
 
     states: ClassVar[tuple[str, ...]]
     """Names of the driver's states, in the order of the truth's column ``segment``."""
-
-    @property
-    def follows_whom(self) -> tuple[str, ...]:
-        """Estimators that the driver steers by."""
-        raise NotImplementedError
+    steers_by: ClassVar[tuple[str, ...]]
+    """Columns that it needs of the estimator it follows."""
 
     @property
     def listens(self) -> Listening:
         """Whom the driver listens to."""
+        followed = () if self.follows == TRUTH else (self.follows,)
         odometer = () if self.odometer is None else (self.odometer,)
         return Listening(
-            estimators=tuple(dict.fromkeys((*self.follows_whom, *odometer))),
+            estimators=tuple(dict.fromkeys((*followed, *odometer))),
             sensors=() if self.camera is None else (self.camera,),
-            truth=not self.follows_whom,
+            truth=not followed,
         )
 
     @property
     def needed_columns(self) -> dict[str, tuple[str, ...]]:
         """Columns that are needed of each of them."""
-        needed: dict[str, tuple[str, ...]] = {} if self.odometer is None else {self.odometer: POSITION[:2]}
-        return needed if self.camera is None else {**needed, self.camera: (SIGN_SEEN, SIGN_RANGE)}
+        asked: dict[str | None, tuple[str, ...]] = {self.odometer: POSITION[:2], self.camera: (SIGN_SEEN, SIGN_RANGE)}
+        if self.follows != TRUTH:
+            asked[self.follows] = (*asked.get(self.follows, ()), *self.steers_by)
+        return {name: columns for name, columns in asked.items() if name is not None}
 
 
 class LaneDriver(ABC):
@@ -136,6 +138,11 @@ class LaneDriver(ABC):
         self._change_speed(speed, interval_s)
         standing = state == STANDING
         return Command(speed_m_s=self.speed_m_s, yaw_rate_rad_s=rate, brake=standing and self.speed_m_s == 0.0)
+
+    def followed(self, knowledge: Knowledge) -> Said | None:
+        """What is said of the machine by whom the driver follows; None before the first word."""
+        whom = self._lane.follows
+        return self.in_lane(knowledge) if whom == TRUTH else knowledge.said.get(whom)
 
     def heading_error(self, said: Said | None) -> float:
         """Heading against the lane's axis, rad, by an estimate of it or of the heading; NaN without one."""

@@ -30,8 +30,10 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Literal
 
+from pydantic import field_validator
+
 from twin.config import Positive
-from twin.control.lane_keeping import STANDING, STOPPED_AT_END, STOPPED_AT_SIGN, LaneDriver, LaneDriverConfig
+from twin.control.lane_keeping import STANDING, STOPPED_AT_END, STOPPED_AT_SIGN, TRUTH, LaneDriver, LaneDriverConfig
 from twin.signals import Knowledge
 
 DRIVING, NO_TREES = "driving", "straight on: no trees"
@@ -43,6 +45,7 @@ class TreeDistancesDriverConfig(LaneDriverConfig):
     """Options of :class:`TreeDistancesDriver`."""
 
     states: ClassVar = (STANDING, DRIVING, NO_TREES, STOPPED_AT_SIGN, STOPPED_AT_END)
+    steers_by: ClassVar = ("pair", *_PAIRS[1], *_PAIRS[2])
 
     kind: Literal["tree_distances"]
     follows: str
@@ -50,17 +53,12 @@ class TreeDistancesDriverConfig(LaneDriverConfig):
     gain_rad_s_cm: Positive = 0.01
     """K: yaw rate per centimetre (eqs 70 and 71)."""
 
-    @property
-    def follows_whom(self) -> tuple[str, ...]:
-        """Estimators that the driver steers by."""
-        return (self.follows,)
-
-    @property
-    def needed_columns(self) -> dict[str, tuple[str, ...]]:
-        """Columns that are needed of those listened to."""
-        needed = super().needed_columns
-        columns = ("pair", *_PAIRS[1], *_PAIRS[2])
-        return needed | {self.follows: (*needed.get(self.follows, ()), *columns)}
+    @field_validator("follows")
+    @classmethod
+    def _an_estimator(cls, value: str) -> str:
+        if value == TRUTH:
+            raise ValueError("the truth tells no tree distances; name an estimator of kind 'tree_distances'")
+        return value
 
 
 class TreeDistancesDriver(LaneDriver):
