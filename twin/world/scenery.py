@@ -31,7 +31,7 @@ GROUND_TILE_M = 2.0
 
 _MOST_GROUND_VERTICES = 6_000
 _TRUNK_SIDES = 10
-_CROWN_RADII = 8.0
+CROWN_RADII = 8.0
 """Half width of a crown in radii of its trunk, as in the viewer's picture."""
 _CROWN_RINGS, _CROWN_SIDES = 7, 10
 _POST_RADIUS_SHARE = 0.05
@@ -92,7 +92,7 @@ def crown_mesh(trunk: FloatArray, number: int) -> Mesh:
     level, lift = np.cos(up)[:, np.newaxis], np.sin(up)[:, np.newaxis]
     ball = np.stack([level * np.cos(around), level * np.sin(around), np.broadcast_to(lift, (len(up), len(around)))], -1)
     uneven = 1.0 + 0.12 * np.sin(3.0 * around + number) * level + 0.08 * np.sin(5.0 * up + 2.0 * number)[:, np.newaxis]
-    half = _CROWN_RADII * trunk[RADIUS]
+    half = CROWN_RADII * trunk[RADIUS]
     middle = np.array([trunk[EAST], trunk[NORTH], trunk[TOP] + 0.5 * half])
     vertices = middle + (ball * uneven[..., np.newaxis] * [half, half, 0.8 * half]).reshape(-1, 3)
     u, v = np.meshgrid(2.0 * around / math.pi + 0.37 * (number % 7), up + 0.5 * math.pi)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from twin.geometry import quaternion_from_rpy
 from twin.signals import FloatArray, IntArray
 from twin.stop_sign import draw_plate
-from twin.world.scenery import Mesh, backing_mesh, plate_mesh, together
+from twin.world.scenery import CROWN_RADII, Mesh, backing_mesh, plate_mesh, together
 from viz import entities
 from viz.magnetic import FELT_SHARE, STRONG_SHARE, MagneticPieces, reach_m
 from viz.sheet import Run, Sheet
@@ -25,8 +25,6 @@ _STEPS = 8
 """Of a magnet's share that are drawn while it comes and goes."""
 _AZIMUTHS, _RINGS, _LIFT_M = 72, 8, 0.03
 """Of a disc on the ground, and how far above it, times the scale of the scene."""
-_CROWN_RADII = 8.0
-"""Half width of a crown in radii of its trunk; crowns are for the eye alone, nothing else knows of them."""
 _LEAST_SHARE = 0.02
 """A magnet is drawn with at least this share of the machine's size, or a small one could not be seen."""
 
@@ -144,7 +142,7 @@ def _draw_trees(run: Run, sheet: Sheet) -> None:
             fill_mode="solid",
         ),
     )
-    width = _CROWN_RADII * radius
+    width = CROWN_RADII * radius
     sheet.static(
         entities.CROWNS,
         rr.Ellipsoids3D(
