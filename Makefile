@@ -40,7 +40,7 @@ screenshots: $(STAMPS)/dev
 	$(BIN)/python -m viz.screenshot runs/planter_turns/seed1_run0/run.rrd screenshots
 
 clean:
-	rm -rf $(VENV) runs screenshots
+	rm -rf $(VENV) runs screenshots twin/__pycache__/kernels-*
 
 # --- set-up --------------------------------------------------------------------------------------------------------
 
