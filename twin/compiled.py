@@ -1,7 +1,7 @@
 """Compiles the few functions that run at every step.
 
-Machine code is kept on disk in a folder named after all sources of compiled functions: numba itself looks at the file of
-a function alone, and would go on using what was compiled with an older version of a function called from it.
+Machine code is kept on disk in a folder named after all sources of compiled functions: numba itself looks at the file
+of a function alone, and would go on using what was compiled with an older version of a function called from it.
 """
 
 from __future__ import annotations
