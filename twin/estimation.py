@@ -161,6 +161,7 @@ def estimator_setup(
         rows_y_m=scenario.machine.rows_y_m,
         start_e_n_heading=scenario.machine.reference_start,
         earth_field=scenario.magnetics.earth_field,
+        design_height_m=scenario.levelling.design_height_m,
     )
 
 

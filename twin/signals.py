@@ -50,6 +50,8 @@ ROWS_SEEN = "rows_seen"
 """Rows of trees that are seen now: 0, 1 or 2."""
 SIGN_SEEN, SIGN_RANGE, SIGN_BEARING = "sign_seen", "sign_range_m", "sign_bearing_rad"
 """Whether a stop sign is seen (0 or 1), how far it is, and where to, positive to the left."""
+HEIGHT = "height_m"
+"""Of the reference frame (a blade's edge, the plate of a bench) above the design plane."""
 CLEARANCE = "clearance_m"
 """From the machine's outline to the nearest trunk; zero or less where they touch."""
 
@@ -127,7 +129,7 @@ class MountMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointNeed:
-    """A sensor needs the angles of joints, as an encoder on a wheel does."""
+    """A sensor needs the angles of hinges or the strokes of slides, as an encoder or a displacement transducer does."""
 
     mount: Mount
     joints: tuple[str, ...]
@@ -136,13 +138,14 @@ class JointNeed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointMotion:
-    """Angles of joints at one instant."""
+    """Angles of hinges and strokes of slides at one instant."""
 
     t_ns: int
     position_enu_m: FloatArray
     """(3,) of the mount."""
-    angle_rad: FloatArray
-    """(J,) in the order of the need; turns are counted, so that an angle grows beyond pi."""
+    position: FloatArray
+    """(J,) in the order of the need, rad of a hinge, m of a slide; turns are counted, so that an angle grows beyond
+    pi."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,6 +315,8 @@ class EstimatorSetup:
     """Nominal start pose of the reference frame (east m, north m, heading rad), as set out by the owner."""
     earth_field: EarthField = EarthField()
     """The undisturbed magnetic field where the machine works."""
+    design_height_m: float = 0.0
+    """Up coordinate of the level plane above which heights are told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -369,6 +374,8 @@ class Command:
     """Wanted rate of turn, positive to the left: for a machine that turns by the difference of its wheels' speeds."""
     brake: bool = False
     """Hold the parking brake."""
+    lift_m_s: float = 0.0
+    """Wanted speed of the implement's lift, positive upwards: for a machine that has one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

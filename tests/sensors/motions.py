@@ -149,7 +149,7 @@ def shown(need: Need, motion: MountMotion) -> Capture:
     match need:
         case JointNeed():
             turned = float(np.linalg.norm(motion.position_enu_m)) / WHEEL_RADIUS_M
-            return JointMotion(**place, angle_rad=np.full(len(need.joints), turned))
+            return JointMotion(**place, position=np.full(len(need.joints), turned))
         case MagneticNeed():
             return MagneticField(**place, field_ut=EARTH.enu_ut @ motion.rotation, motor_current_a=0.0)
         case RayNeed():

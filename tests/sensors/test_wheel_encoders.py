@@ -22,7 +22,7 @@ def turn(device: Sensor, angles: Callable[[float], tuple[float, float]], duratio
     counts, errors = [], []
     while (t_ns := device.next_tick * DT_NS) <= duration_s * NS_PER_S:
         sample = device.sample(
-            JointMotion(t_ns=t_ns, position_enu_m=np.zeros(3), angle_rad=np.array(angles(t_ns / NS_PER_S)))
+            JointMotion(t_ns=t_ns, position_enu_m=np.zeros(3), position=np.array(angles(t_ns / NS_PER_S)))
         )
         counts.append(sample.measurements[0].values)
         errors.append(sample.hidden[:, :2])

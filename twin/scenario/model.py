@@ -19,6 +19,7 @@ from twin.sensors import SensorConfigUnion
 from twin.signals import JointNeed
 from twin.validation import did_you_mean
 from twin.world import (
+    LevellingConfig,
     LightConfig,
     MachineConfig,
     MagneticsConfig,
@@ -163,6 +164,8 @@ class Scenario(Config):
     """How bright it is."""
     magnetics: MagneticsConfig = MagneticsConfig()
     """The earth's magnetic field, and magnets and iron in the field."""
+    levelling: LevellingConfig = LevellingConfig()
+    """The design plane, above which heights are told, and the area whose flatness counts."""
     machine: MachineConfig
     driver: DriverConfigUnion
     sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)

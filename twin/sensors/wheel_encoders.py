@@ -70,8 +70,8 @@ class WheelEncoders(Sensor):
     def _measure(self, capture: Capture) -> Reading:
         assert isinstance(capture, JointMotion)
         if self._start is None:
-            self._start = capture.angle_rad.copy()
-        slots = (capture.angle_rad - self._start) * self._slots_per_rad
+            self._start = capture.position.copy()
+        slots = (capture.position - self._start) * self._slots_per_rad
         passed = np.floor(slots + self._phase).astype(np.int64)
         step = passed - self._passed
         self._passed = passed

@@ -3,6 +3,7 @@
 The configuration sections are light to import; only :mod:`twin.world.simulation` imports pybullet.
 """
 
+from twin.world.levelling import LevellingConfig
 from twin.world.light import LightConfig
 from twin.world.machines import MachineConfig
 from twin.world.magnetics import MagneticsConfig
@@ -12,6 +13,7 @@ from twin.world.soil import SoilConfig
 from twin.world.terrain import TerrainConfig
 
 __all__ = [
+    "LevellingConfig",
     "LightConfig",
     "MachineConfig",
     "MagneticsConfig",

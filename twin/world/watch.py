@@ -113,7 +113,7 @@ class Watch:
             case JointNeed():
                 position, _ = self._pose(need.mount)
                 return JointMotion(
-                    t_ns=tick * self._dt_ns, position_enu_m=position, angle_rad=self._angles[self._joints[name]]
+                    t_ns=tick * self._dt_ns, position_enu_m=position, position=self._angles[self._joints[name]]
                 )
             case MagneticNeed():
                 position, rotation = self._pose(need.mount)
