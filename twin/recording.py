@@ -234,11 +234,6 @@ class Recording:
         return self.streams[stream].to_arrow(run)
 
 
-def sigma_column(column: str) -> str:
-    """Column holding one standard deviation of ``column`` in an estimate stream."""
-    return f"{column}.sigma"
-
-
 def covariance_column(first: str, second: str) -> str:
     """Column holding the covariance of two state columns in an estimate stream."""
     return f"cov({first},{second})"

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.control import PathDriverConfig
 from twin.geometry import wrap_angle
 from twin.recording import Recording, Stream
 from twin.scenario import Scenario
@@ -205,9 +206,11 @@ class Scorer:
         return Tally(measure, runs, (nanoseconds(begin), nanoseconds(end)))
 
     def _ramp_tally(self, runs: int) -> ramps.RampTally:
+        driver = self._scenario.driver
+        assert isinstance(driver, PathDriverConfig), "the scenario has checked it"
         return ramps.RampTally(
             runs,
-            acceleration_m_s2=self._scenario.driver.acceleration_m_s2,
+            acceleration_m_s2=driver.acceleration_m_s2,
             smallest_m_s=self._scenario.scoring.smallest_ramp_m_s or 0.0,
         )
 

@@ -60,7 +60,7 @@ def run_task(plan: Plan, point: int, world: int) -> TaskResult:
         BadInputError: the scenario cannot be built, or a check names a metric that will not exist.
     """
     loaded = plan.load(point, world)
-    if loaded.scenario.driver.listens.closes_loop:
+    if loaded.scenario.listens.closes_loop:
         return _each_for_itself(loaded, plan)
     return _over_one_truth(loaded, plan)
 
