@@ -127,7 +127,7 @@ def test_what_a_servo_holds_loads_the_wheels_as_if_it_were_rigid(tmp_path: Path)
     )
     urdf = read_urdf(path)
     loads = static_loads(urdf, ["j0", "j1", "j2"], ["lift"])
-    # about the axle: 10 kg at 1 m less the tool's 4 kg at -1 m, on the wheel at 2 m, which also carries its own kilogram
+    # about the axle: 10 kg at 1 m less the tool's 4 kg at -1 m, on the wheel at 2 m, which carries its own kilogram too
     assert loads == pytest.approx([G * (17.0 - 4.0) / 2.0, G * (17.0 - 4.0) / 2.0, G * (3.0 + 1.0)], rel=1e-9)
 
 
