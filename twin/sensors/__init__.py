@@ -13,7 +13,8 @@ from pydantic import Field
 from twin.sensors.accosat import AccoSat, AccoSatConfig
 from twin.sensors.base import Sample, Sensor, SensorConfig
 from twin.sensors.camera import Camera, CameraConfig
-from twin.sensors.gnss import Gnss, GnssConfig
+from twin.sensors.gnss import Gnss
+from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.imu import Imu, ImuConfig
 from twin.sensors.lidar import Lidar, LidarConfig
 from twin.sensors.magnetometer import Magnetometer, MagnetometerConfig
