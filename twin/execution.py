@@ -14,6 +14,7 @@ from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver, bui
 from twin.errors import BadInputError, WorldEndedError
 from twin.estimation import EstimatorFactory
 from twin.geometry import wrap_angle_scalar
+from twin.groundlog import GroundLog, GroundLogWriter
 from twin.members import Members, SideBySide
 from twin.recording import TRUTH, Recording, Stream, StreamWriter
 from twin.scenario import LoadedScenario, Scenario
@@ -41,6 +42,8 @@ Progress = Callable[[float], None]
 """Called with the simulated time now and then."""
 
 _PROGRESS_PERIOD_NS = NS_PER_S // 2
+_GROUND_HZ = 5.0
+"""How often changed ground is written down."""
 
 
 class Observer(Protocol):
@@ -154,7 +157,8 @@ def _execute(
             streams={TRUTH: truth, **members.streams()},
             pictures=members.pictures(),
             events=sorted([*journey.events, *members.events], key=lambda event: event.t_ns),
-            terrain=world.terrain,
+            terrain=world.first_terrain,
+            ground=journey.ground_log(),
             ended_reason=reason,
             ended_t_s=simulated_s,
             timing=dict(timing),
@@ -252,6 +256,8 @@ class Journey:
         self._keeps_lane = isinstance(scenario.driver, LaneDriverConfig)
         columns = (*world.truth_columns, "segment", *((LANE_OFFSET, LANE_HEADING) if self._keeps_lane else ()))
         self._truth = StreamWriter(columns, 1)
+        self._ground = GroundLogWriter() if world.moves_soil else None
+        self._ground_every = _period_ticks(_GROUND_HZ, world.dt_ns)
         self._last_segment = -1
         for name, need in observer.needs.items():
             world.watch(name, need)
@@ -269,6 +275,8 @@ class Journey:
             if tick == next_truth or collided:
                 self._note_truth(t_ns)
                 next_truth = tick + self._truth_every
+            if self._ground is not None and (tick % self._ground_every == 0 or tick >= self._ticks):
+                self._ground.append(t_ns, *world.drain_ground())
             observer.advance(t_ns)
             if collided:
                 self.events.append(Event(t_ns=t_ns, source="world", level="error", text="the machine touched a tree"))
@@ -343,6 +351,10 @@ class Journey:
     def truth_columns(self) -> tuple[str, ...]:
         """Columns of the truth."""
         return self._truth.columns
+
+    def ground_log(self) -> GroundLog | None:
+        """How the ground changed until now; None where no machine moves soil."""
+        return None if self._ground is None else self._ground.finish()
 
     def truth_stream(self) -> Stream:
         """What really happened until now (R = 1)."""

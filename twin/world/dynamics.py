@@ -56,6 +56,9 @@ ACC_POSITION, ACC_ROTATION, ACC_VELOCITY, ACC_FORCE, ACC_RATE, ACC_START, ACC_LA
 )
 ACCUMULATOR_COLUMNS = 30
 
+# Layout of a soil-engaging point's row: link, position on it (3), force, knee speed.
+TOOL_FORCE = 4
+
 # Layout of a spring's row: joint, stiffness and damping about it, moment at angle zero.
 SPRING_JOINT, SPRING_STIFFNESS, SPRING_DAMPING, SPRING_PRELOAD = range(4)
 

@@ -20,6 +20,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin.config import Config, Vector3
 from twin.geometry import rotation_from_rpy, rpy_from_rotation
 from twin.signals import Command, FloatArray, Mount
+from twin.world.blade import BladeSpec
 from twin.world.clearance import Outline
 from twin.world.urdf import Urdf, read_urdf
 
@@ -127,6 +128,8 @@ class MachineModel:
     """The root stands on the ground and does not move: a test bench."""
     lifts: bool = False
     """The reference frame is an implement that a slide raises and lowers, and its height counts."""
+    blade: BladeSpec | None = None
+    """With which it moves soil."""
 
 
 class MountConfig(Config):

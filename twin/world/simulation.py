@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -28,6 +29,7 @@ from twin.signals import (
     Capture,
     Command,
     FloatArray,
+    IntArray,
     Need,
     Said,
     VehicleState,
@@ -36,6 +38,7 @@ from twin.signals import (
 )
 from twin.world import dynamics, tyres
 from twin.world.assembly import assemble
+from twin.world.blade import BLADE_COLUMNS, Blade
 from twin.world.body import PhysicsBody
 from twin.world.clearance import clearance_m
 from twin.world.ground import build_ground
@@ -46,9 +49,12 @@ from twin.world.magnetics import Magnetics, MagneticsConfig
 from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
 from twin.world.signs import SignConfig, put_up
 from twin.world.soil import Soil, SoilConfig
+from twin.world.survey import SURVEY_COLUMNS, FieldSurvey
 from twin.world.terrain import AnyTerrain, Terrain
 from twin.world.watch import Watch, mount_row
 
+_SOIL_HZ = 50.0
+"""How often the blade works the ground: every 2 cm at 1 m/s."""
 _SETTLING_S = 4.0
 _SETTLING_DAMPING = 3.0
 _REASONS = {
@@ -91,10 +97,17 @@ class World:
         dt_ns: int = 2_000_000,
     ) -> None:
         self.terrain = terrain
+        self._blade = None if machine.blade is None else Blade(machine.blade, terrain)
+        self.first_terrain = terrain if self._blade is None else replace(terrain, heights=terrain.heights.copy())
+        """The ground as it was before anything moved."""
+        levelling = levelling if levelling is not None else LevellingConfig()
+        self.design_height_m = levelling.design_height_m
+        self._survey: FieldSurvey | None = None
+        if levelling.area_m is not None:
+            self._survey = FieldSurvey(terrain, levelling.area_m, design_height_m=levelling.design_height_m)
         self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
         self.signs = put_up(signs, terrain)
         self._light = light if light is not None else LightConfig()
-        self.design_height_m = (levelling if levelling is not None else LevellingConfig()).design_height_m
         self.magnetics = Magnetics(magnetics if magnetics is not None else MagneticsConfig(), terrain, seed=seed)
         self.machine = machine
         self.seed = seed
@@ -145,6 +158,9 @@ class World:
         )
         self._open.callback(self._watch.close)
         self._grid = (terrain := self.terrain).west_m, terrain.south_m, terrain.cell_m
+        self._blade_link = 0 if machine.blade is None else urdf.link_index(machine.blade.body)
+        # none while the machine settles: the clock has not begun
+        self._soil_ticks = 0
         self.truth_columns = self._name_columns()
         self._truth_head = np.zeros(11 + 3 * len(self._rows))
 
@@ -158,7 +174,8 @@ class World:
         wheels = tuple(f"{wheel.joint}.{name}" for wheel in self.machine.wheels for name, _ in _WHEEL_COLUMNS)
         near = (CLEARANCE,) if len(self.trunks) else ()
         height = (HEIGHT,) if self.machine.lifts else ()
-        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels + near + height
+        soil = (BLADE_COLUMNS if self._blade is not None else ()) + (SURVEY_COLUMNS if self._survey is not None else ())
+        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels + near + height + soil
 
     # --- start -------------------------------------------------------------------------------------------------------
 
@@ -179,6 +196,8 @@ class World:
             damper[:] = figure
         self._drive.reset()
         self.tick = 0
+        if self._blade is not None:
+            self._soil_ticks = max(1, round(1.0 / _SOIL_HZ / self._dt_s))
         if self.touching:
             raise BadInputError("machine.start: the machine touches a tree at its start")
 
@@ -220,6 +239,7 @@ class World:
             self.terrain.heights, *self._grid, parts.tools, parts.springs, self._rolling_resistance,
             actuation.torque_n_m, actuation.brake_n_m, dt, loads, limits,
         )  # fmt: skip
+        soil_ticks = self._soil_ticks
         watched = self._watch.bodies, self._watch.mounts, self._watch.sums
         mounts: tuple[Any, ...] = parts.root_com, state, self._links, *watched, dt, STANDARD_GRAVITY_M_S2
         q = state[dynamics.JOINTS : dynamics.JOINTS + count].tolist()
@@ -232,6 +252,27 @@ class World:
             q, qd = body.step(state, loads.tolist(), actuation.servo_rad_s, limits.tolist())
             dynamics.motion(*tree, *mounts)
             self.tick += 1
+            if soil_ticks and self.tick % soil_ticks == 0:
+                self._move_soil()
+
+    def _move_soil(self) -> None:
+        """Let the blade work the ground up to where it is now, and feel what that takes."""
+        blade = self._blade
+        assert blade is not None
+        blade.step(self._links[self._blade_link])
+        self._parts.tools[-1, dynamics.TOOL_FORCE] = blade.draught_n
+
+    def drain_ground(self) -> tuple[IntArray, FloatArray]:
+        """Cells of the terrain whose height changed since the last call (flat indices) and their heights, (n,) each."""
+        if self._blade is None:
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        cells = self._blade.drain_changes()
+        return cells, self.terrain.heights.ravel()[cells]
+
+    @property
+    def moves_soil(self) -> bool:
+        """Whether the machine has a blade."""
+        return self._blade is not None
 
     def _read(self) -> None:
         self._body.read(self._state)
@@ -284,6 +325,8 @@ class World:
                 self._results[:, [index for _, index in _WHEEL_COLUMNS]].ravel(),
                 [self._clearance(vehicle)] if len(self.trunks) else [],
                 [self._truth_head[2] - self.design_height_m] if self.machine.lifts else [],
+                () if self._blade is None else self._blade.truth(),
+                () if self._survey is None else self._survey.truth(self.tick * self.dt_ns),
             ]
         )
 
