@@ -15,6 +15,7 @@ sample that is older than one taken before is put in its place, and what came af
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Literal
 
@@ -24,11 +25,12 @@ from twin.config import Config, Names, NonNegative, Positive
 from twin.errors import BadInputError
 from twin.estimators.engines import EngineName, make_engine
 from twin.estimators.height_filter_branches import Branches, GatesConfig, Snapshot
-from twin.estimators.height_filter_kernels import look_ahead
+from twin.estimators.height_filter_kernels import spread
 from twin.estimators.height_filter_levers import Lever
 from twin.estimators.height_filter_model import B0, B1, C, Layout, SlowError, SpanMotion
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_samples import AccelerationHistory
+from twin.estimators.height_filter_tilt import LevelFilter
 from twin.estimators.roles import GNSS
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import HEIGHT, NS_PER_S, VELOCITY, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
@@ -40,6 +42,12 @@ _PATIENCE_NS = 150_000_000
 _LONGEST_SPAN_NS = 250_000_000
 """Longer spans are taken in parts of 0.1 s, so that slow errors act within them."""
 _PART_NS = 100_000_000
+_TREND_S = 100.0
+"""A steady trend of the offset is taken for a random walk that goes as far in this time."""
+_CONSTANT_S = 1000.0
+"""For how long what is left of a tilt is the same."""
+_OFFSET_M_S2 = 0.02
+"""Offset of an accelerometer whose data sheet is silent, 1 sigma."""
 _LAGS = 8.0
 """What is older than so many time constants of a lag has no part in it."""
 
@@ -60,8 +68,8 @@ class HeightFilterConfig(Config):
     """Use positions that are no fixes, each stretch with an error of its own."""
     lever_arm: bool = True
     """Reckon antenna and reference point from the AHRS by its attitude."""
-    attitude_leak: bool = True
-    """Make the attitude error, by which level acceleration leaks into Up, a state."""
+    tilt: bool = True
+    """Learn the AHRS's attitude error, which leaks into Up, from the receiver's level velocity."""
     bias_walk_m_s2_rts: NonNegative = 0.0
     """How the accelerometer's offset wanders beside its instability (temperature), per square root of a second."""
     history_s: Positive = 0.8
@@ -93,24 +101,33 @@ class HeightFilter:
         runs = setup.runs
         self._runs, self._config = runs, config
         self._receiver = HeightReceiver(gnss, setup, vertical_speed=config.vertical_speed)
-        self._lag_s = 0.0 if self._receiver.speed is None else self._receiver.speed.lag_s
+        self._lag_s = gnss.datasheet.get("velocity_lag_s", 0.0)
         nothing = Lever(xyz_m=(0.0, 0.0, 0.0))
         self._reference = Lever.between(ahrs, setup.reference, setup) if config.lever_arm else nothing
         antenna = Lever.between(ahrs, gnss.mount, setup) if config.lever_arm else nothing
         self._history_ns = round(config.history_s * NS_PER_S)
         kept_s = config.history_s + max(_LAGS * self._lag_s, 0.2) + 0.2
-        self._history = AccelerationHistory(ahrs, setup, antenna=antenna, kept_s=kept_s)
-        self._attitude_sigma = ahrs.datasheet.get("attitude_sigma_rad", 0.0)
         self._motion = _motion(config, ahrs, self._receiver, runs=runs)
-        x, P = self._motion.start()
+        self._attitude_sigma = ahrs.datasheet.get("attitude_sigma_rad", 0.0)
+        self._history = AccelerationHistory(
+            ahrs,
+            setup,
+            antenna=antenna,
+            kept_s=kept_s,
+            leak_sigma_rad=self._attitude_sigma if self._motion.layout.tilt is None else 0.0,
+        )
         name: EngineName = "filterpy" if runs == 1 else "ensemble"
         if config.engine != "auto":
             name = config.engine
         self.branches = Branches(
-            make_engine(name, x, P), make_engine(name, x, P), self._motion, self._receiver, config.gates
+            make_engine(name, *self._motion.start()),
+            make_engine(name, *self._motion.start()),
+            self._motion,
+            level=self._level_filter(ahrs, name) if self._motion.layout.tilt is not None else None,
+            receiver=self._receiver,
+            gates=config.gates,
         )
         self._names = {ahrs.name: AHRS, gnss.name: GNSS}
-        self._places = self._motion.layout.motion_places
         self._now_ns: int | None = None
         """What the branches are at."""
         self._waiting: list[FixReading] = []
@@ -120,6 +137,17 @@ class HeightFilter:
         self._nis: dict[str, FloatArray] = {}
         nis = ("nis_fix", *(() if self._receiver.speed is None else ("nis_vertical_speed",)))
         self.columns: tuple[str, ...] = (*self.state_columns, "accel_bias_m_s2", "mode", *nis)
+
+    def _level_filter(self, ahrs: SensorInfo, engine: EngineName) -> LevelFilter:
+        sheet, gates = ahrs.datasheet, self._config.gates
+        return LevelFilter(
+            _tilt(ahrs),
+            offset_sigma=sheet.get("free_accel_bias_m_s2", _OFFSET_M_S2),
+            runs=self._runs,
+            gate_sigmas=gates.sigmas,
+            patience_s=gates.speed_patience_s,
+            engine=lambda x, P: make_engine(engine, x, P),
+        )
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -179,11 +207,10 @@ class HeightFilter:
 
     def _hear(self, reading: FixReading) -> None:
         t_ns = reading.t_ns
-        lag = np.zeros(self._runs)
+        behind = -self._history.antenna_velocity(t_ns, self._lag_s)
         if self._lag_s > 0.0:
-            lag = self._history.lagged(t_ns, self._lag_s)
-        lag = lag - self._history.antenna_rate(t_ns, self._lag_s)
-        self.branches.hear(reading, arm_m=self._history.antenna(t_ns), lag_m_s=lag)
+            behind += self._history.lagged(t_ns, self._lag_s)
+        self.branches.hear(reading, arm_m=self._history.antenna(t_ns)[2], behind_m_s=behind)
 
     def _keep_up(self) -> None:
         """Follow the acceleration where the receiver is silent, as far as nothing late can come any more."""
@@ -220,9 +247,9 @@ class HeightFilter:
         held = self.branches.held
         x, P = np.ascontiguousarray(held.x.T), np.ascontiguousarray(held.P.transpose(1, 2, 0))
         begin_ns = t_ns if self._now_ns is None else min(self._now_ns, t_ns)
-        sums, ahead = self._history.sums(begin_ns, t_ns), np.empty((5, self._runs))
-        look_ahead(x, P, sums, (t_ns - begin_ns) / NS_PER_S, self._places, ahead)
-        height, velocity, hh, hv, vv = ahead
+        self.branches.look(self._history.sums(begin_ns, t_ns))
+        (height, velocity), rows, noise = self._motion.ahead(x, (t_ns - begin_ns) / NS_PER_S)
+        hh, hv, vv = spread(rows, P, noise)
         if not self._reference.is_nothing and self._reference_now is not None:
             _, above, rate = self._reference_now
             height, velocity = height + above, velocity + rate
@@ -257,26 +284,40 @@ def _the_one(setup: EstimatorSetup, kind: str) -> SensorInfo:
 def _motion(config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiver, *, runs: int) -> SpanMotion:
     """The model, with the errors of the data sheets."""
     sheet, fix, speed = ahrs.datasheet, receiver.fix, receiver.speed
-    attitude = sheet.get("attitude_sigma_rad", 0.0)
+    attitude = _tilt(ahrs)
+    tilt = config.tilt and receiver.has_level_velocity and attitude.sigma > 0.0
     layout = Layout.of(
         drift=fix.age_drift_m_s > 0.0,
         coarse=config.coarse_positions,
         speed=speed is not None and speed.correlated_m_s > 0.0,
-        tilt=config.attitude_leak and attitude > 0.0,
+        leak=attitude.sigma > 0.0 and not tilt,
+        tilt=tilt,
     )
-    # a tilt d takes g (1 - cos d) from gravity: with two angles of one size, g sigma^2 on average and as much up and down
-    tilted = STANDARD_GRAVITY_M_S2 * attitude**2
-    correlation_s = sheet.get("free_accel_bias_correlation_s", 300.0)
     errors = {
-        B1: SlowError(sigma=float(np.hypot(sheet.get("free_accel_bias_instability_m_s2", 1.5e-4), tilted)), correlation_s=correlation_s),
+        B1: SlowError(
+            sigma=sheet.get("free_accel_bias_instability_m_s2", 1.5e-4),
+            correlation_s=sheet.get("free_accel_bias_correlation_s", 100.0),
+        ),
         C: SlowError(sigma=1.0, correlation_s=fix.correlation_s),
     }
     if layout.drift is not None:
         errors[layout.drift] = SlowError(sigma=1.0, correlation_s=fix.age_drift_correlation_s)
     if layout.speed is not None and speed is not None:
         errors[layout.speed] = SlowError(sigma=speed.correlated_m_s, correlation_s=speed.correlation_s)
+    leak = STANDARD_GRAVITY_M_S2 * attitude.sigma**2
+    if layout.leak is not None:
+        errors[layout.leak] = SlowError(sigma=leak, correlation_s=0.5 * attitude.correlation_s)
     if layout.tilt is not None:
         for place in (layout.tilt, layout.tilt + 1):
-            errors[place] = SlowError(sigma=attitude, correlation_s=sheet.get("attitude_correlation_s", 60.0))
-    offset = float(np.hypot(sheet.get("free_accel_bias_m_s2", 0.02), tilted))
-    return SpanMotion(layout, errors, offset_sigma=offset, offset_walk=config.bias_walk_m_s2_rts, runs=runs)
+            errors[place] = SlowError(sigma=1.0, correlation_s=_CONSTANT_S)
+    offset = float(np.hypot(sheet.get("free_accel_bias_m_s2", _OFFSET_M_S2), leak))
+    walk = float(np.hypot(config.bias_walk_m_s2_rts, sheet.get("free_accel_trend_m_s3", 0.0) * math.sqrt(_TREND_S)))
+    return SpanMotion(layout, errors, offset_sigma=offset, offset_walk=walk, runs=runs)
+
+
+def _tilt(ahrs: SensorInfo) -> SlowError:
+    """Roll and pitch error of an AHRS."""
+    sheet = ahrs.datasheet
+    return SlowError(
+        sigma=sheet.get("attitude_sigma_rad", 0.0), correlation_s=sheet.get("attitude_correlation_s", 60.0)
+    )

@@ -26,9 +26,19 @@ import numpy as np
 
 from twin.config import Config, NonNegative, Positive
 from twin.estimators.engines import Engine
-from twin.estimators.height_filter_kernels import renew
-from twin.estimators.height_filter_model import UNKNOWN_M, C, H, SpanMotion, SumOfStates, V
-from twin.estimators.height_filter_receiver import FixReading, HeightReceiver, coarse_white_m
+from twin.estimators.height_filter_model import (
+    B0,
+    B1,
+    UNKNOWN_M,
+    C,
+    H,
+    SpanMotion,
+    SumOfStates,
+    V,
+    renew_state,
+)
+from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
+from twin.estimators.height_filter_tilt import LevelFilter
 from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
 WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
@@ -75,7 +85,7 @@ class Beliefs:
     """Its last fix."""
     quality: FloatArray
     """State of the last position; NaN before."""
-    speed_used_ns: IntArray
+    speed_ns: IntArray
     """When a vertical speed was last used, or none was there."""
 
     @classmethod
@@ -85,16 +95,24 @@ class Beliefs:
         return cls(never, never, no, no, never, never, np.full(runs, np.nan), never)
 
 
-Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs]
+Level = tuple[FloatArray, FloatArray, IntArray]
+Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, Level | None]
 
 
 class Branches:
     """The held branch and the candidate of R members, and what they make of a receiver's samples."""
 
     def __init__(
-        self, held: Engine, candidate: Engine, motion: SpanMotion, receiver: HeightReceiver, gates: GatesConfig
+        self,
+        held: Engine,
+        candidate: Engine,
+        motion: SpanMotion,
+        *,
+        level: LevelFilter | None,
+        receiver: HeightReceiver,
+        gates: GatesConfig,
     ) -> None:
-        self.held, self.candidate, self.motion = held, candidate, motion
+        self.held, self.candidate, self.motion, self.level = held, candidate, motion, level
         self.beliefs = Beliefs.none(len(held.x))
         self.nis: dict[str, FloatArray] = {}
         """Normalised innovation squared (R,) of the last samples against the held branch, before gating."""
@@ -110,18 +128,28 @@ class Branches:
 
     def advance(self, sums: FloatArray, span_s: float) -> None:
         """Move on by a span with these integrals (9, R)."""
+        self.look(sums)
+        for branch, _ in self._both():
+            branch.predict(self.motion, sums, span_s)
+        if self.level is not None:
+            self.level.advance(sums, span_s)
+
+    def look(self, sums: FloatArray) -> None:
+        """Tell the model what a span is like that begins now."""
         self.motion.sums = sums
-        self.held.predict(self.motion, sums, span_s)
-        if self.beliefs.on_trial.any():
-            self.candidate.predict(self.motion, sums, span_s)
+        if self.level is not None:
+            self.motion.lean = self.level.lean()
 
     def snapshot(self) -> Snapshot:
         """All that is known; nothing is copied, since nothing changes in place."""
-        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs
+        level = None if self.level is None else self.level.snapshot()
+        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs, level
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to what was known."""
-        held_x, held_P, candidate_x, candidate_P, self.beliefs = snapshot
+        held_x, held_P, candidate_x, candidate_P, self.beliefs, level = snapshot
+        if self.level is not None and level is not None:
+            self.level.restore(level)
         self.held.restore(held_x, held_P)
         self.candidate.restore(candidate_x, candidate_P)
 
@@ -137,16 +165,18 @@ class Branches:
 
     # --- what the receiver says --------------------------------------------------------------------------------------
 
-    def hear(self, reading: FixReading, *, arm_m: FloatArray, lag_m_s: FloatArray) -> None:
+    def hear(self, reading: FixReading, *, arm_m: FloatArray, behind_m_s: FloatArray) -> None:
         """Take a sample that is true now.
 
-        ``arm_m`` (R,) is how far the antenna is above the AHRS; ``lag_m_s`` (R,) what the vertical speed has to be
-        freed from: how far the antenna is ahead of the AHRS and its own lag behind.
+        ``arm_m`` (R,) is how far the antenna is above the AHRS; ``behind_m_s`` (3, R) how much slower the receiver's
+        velocity is than the AHRS: by its own lag, and by the antenna's motion against the AHRS.
         """
         self.nis = {}
         self._drop_old_candidates(reading.t_ns)
+        if self.level is not None:
+            self.level.hear(reading, behind_m_s)
         if self._receiver.speed is not None:
-            self._hear_speed(reading, lag_m_s)
+            self._hear_speed(reading, behind_m_s[2])
         self._hear_coarse(reading, arm_m)
         if reading.fixed.any():
             self._hear_fix(reading, arm_m)
@@ -164,31 +194,31 @@ class Branches:
             branches.append((self.candidate, self.beliefs.on_trial))
         return branches
 
-    def _hear_speed(self, reading: FixReading, lag_m_s: FloatArray) -> None:
+    def _hear_speed(self, reading: FixReading, behind_m_s: FloatArray) -> None:
         sheet, layout, beliefs = self._receiver.speed, self.motion.layout, self.beliefs
         assert sheet is not None
         known = reading.speed_known
-        z = reading.speed_m_s + lag_m_s
+        z = reading.speed_m_s + behind_m_s
         # the lag is made good by the measured acceleration, whose offset remains
-        weights: dict[int, float | FloatArray] = {V: 1.0, 2: sheet.lag_s, 3: sheet.lag_s}
+        weights: dict[int, float | FloatArray] = {V: 1.0, B0: sheet.lag_s, B1: sheet.lag_s}
         if layout.speed is not None:
             weights[layout.speed] = 1.0
         observation = SumOfStates(weights, np.full(len(z), sheet.white_m_s**2), size=layout.size)
+        quiet = np.maximum(beliefs.speed_ns, beliefs.used_ns)
+        lost = known & (quiet > _NEVER) & (reading.t_ns - quiet > self._speed_patience_ns)
         for branch, members in self._both():
             y, S = observation.innovation(branch.x, branch.P, z)
-            used = known & members & (np.square(y) <= self._gate * S)
+            passed = np.square(y) <= self._gate * S
+            anew = known & members & ~passed & lost
+            if anew.any():
+                renew_state(branch, V, anew, z, np.square(y))
+            branch.update(observation, z[:, np.newaxis], known & members & (passed | anew), observation.R)
             if branch is self.held:
                 self.nis["vertical_speed"] = np.where(known, np.square(y) / S, np.nan)
-                quiet = np.maximum(beliefs.speed_used_ns, beliefs.used_ns)
-                quiet = np.where(known, quiet, reading.t_ns)
-                refused = known & ~used & (quiet > _NEVER) & (reading.t_ns - quiet > self._speed_patience_ns)
-                if refused.any():
-                    renew_state(branch, V, refused, z, np.square(y))
-                keeps = used | ~known | refused | (beliefs.speed_used_ns == _NEVER)
+                # where none comes there is none to refuse
                 self.beliefs = replace(
-                    beliefs, speed_used_ns=np.where(keeps, reading.t_ns, beliefs.speed_used_ns)
+                    beliefs, speed_ns=np.where(passed | anew | ~known, reading.t_ns, beliefs.speed_ns)
                 )
-            branch.update(observation, z[:, np.newaxis], used, observation.R)
 
     def _hear_coarse(self, reading: FixReading, arm_m: FloatArray) -> None:
         place, beliefs, motion = self.motion.layout.coarse, self.beliefs, self.motion
@@ -202,7 +232,7 @@ class Branches:
         motion.coarse_s = np.where(reading.coarse, reading.coarse_s, motion.coarse_s)
         observation = SumOfStates(
             {H: 1.0, place: reading.coarse_sigma_m * reading.wider},
-            np.square(coarse_white_m(reading)),
+            np.square(reading.coarse_white_m * reading.wider),
             size=motion.layout.size,
         )
         z, runs = reading.height_m - arm_m, len(arm_m)
@@ -302,10 +332,3 @@ class Branches:
             np.where(members[:, np.newaxis], source.x, target.x),
             np.where(members[:, np.newaxis, np.newaxis], source.P, target.P),
         )
-
-
-def renew_state(branch: Engine, place: int, members: BoolArray, mean: FloatArray, variance: FloatArray) -> None:
-    """Forget one state of some members of a branch; see :func:`twin.estimators.height_filter_kernels.renew`."""
-    x, P = np.ascontiguousarray(branch.x.T), np.ascontiguousarray(branch.P.transpose(1, 2, 0))
-    x, P = renew(x, P, place, members, mean, variance)
-    branch.restore(x.T, P.transpose(2, 0, 1))

@@ -45,6 +45,17 @@ class Lever:
         height: FloatArray = cosine[1] * (y * sine[0] + z * cosine[0]) - x * sine[1]
         return height
 
+    def place(self, attitude: FloatArray) -> FloatArray:
+        """(3, R) east, north and up of the point, seen from the AHRS."""
+        if self.is_nothing:
+            return np.zeros((3, attitude.shape[1]))
+        x, y, z = self.xyz_m
+        (sine_r, sine_p, sine_h), (cosine_r, cosine_p, cosine_h) = np.sin(attitude), np.cos(attitude)
+        across = y * sine_r + z * cosine_r
+        forward, left = x * cosine_p + sine_p * across, y * cosine_r - z * sine_r
+        east, north = cosine_h * forward - sine_h * left, sine_h * forward + cosine_h * left
+        return np.stack([east, north, cosine_p * across - x * sine_p])
+
     def slope(self, attitude: FloatArray) -> FloatArray:
         """(R,) how fast that changes with an attitude error, m/rad, roll and pitch alike uncertain."""
         x, y, z = self.xyz_m

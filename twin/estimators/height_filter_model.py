@@ -1,16 +1,22 @@
 """The model of the height filter: its state, how it moves on, what a receiver sees of it.
 
-    h' = v,   v' = a - b_0 - b_1 - a_f t_f - a_l t_l + w,   each error e' = -e / tau + noise
+    h' = v,   v' = a - b_0 - b_1 - (leak of the attitude error) + w,   each slow error e' = -e / tau + noise
 
 h is the height of the attitude sensor (AHRS) above the design plane, v its vertical velocity, a what the AHRS says of
-the acceleration upwards. Its errors: b_0 an offset, b_1 an instability, w white noise, and the attitude error (t_f, t_l)
-by which level acceleration forwards and to the left, a_f and a_l, leaks into Up. The receiver's errors are states too,
-those of position as numbers of variance one that the observation multiplies by their standard deviation: c of a fix,
-g of a fix per second of age and unit of drift, k of a coarse position; s (m/s) of the vertical speed.
+the acceleration upwards; b_0 is its offset, b_1 an instability, w white noise.
 
-Accelerations are means over the intervals between samples, so a whole span of samples is one linear step, whose
-integrals :func:`twin.estimators.height_filter_kernels.compose` gathers. The noise that the slow errors gather within a
-span is taken to act at its end; spans are 0.1 s where correlation times are tens of seconds.
+**The attitude error leaks** into a. Either it is learnt beside (:mod:`twin.estimators.height_filter_tilt`), and two states of
+variance one stand for what is left, the offsets of the level accelerometers; or its quadratic part is one more slow bias
+b_2 (standard deviation g sigma^2 and half the attitude's correlation time, as the sum of two squares has), and the rest
+is noise.
+
+**The receiver's errors** are states too, those of position as numbers of variance one that the observation multiplies by
+their standard deviation: c of a fix, d of a fix per second of age and unit of drift, k of a coarse position; s (m/s)
+of the vertical speed.
+
+Accelerations are means over the intervals between samples, so a whole span of samples is one step, whose integrals
+:func:`twin.estimators.height_filter_kernels.compose` gathers. The noise that slow errors gather within a span is
+taken to act at its end; spans are 0.1 s where correlation times are tens of seconds.
 """
 
 from __future__ import annotations
@@ -21,18 +27,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.estimators.height_filter_kernels import (
-    FORWARD_H,
-    FORWARD_V,
-    GAIN_H,
-    GAIN_V,
-    LEFT_H,
-    LEFT_V,
-    Q_HH,
-    Q_HV,
-    Q_VV,
-)
-from twin.signals import FloatArray, IntArray
+from twin.estimators.engines import Engine
+from twin.estimators.height_filter_kernels import LEAN, Q_HH, Q_HV, Q_VV, SUMS, renew, rise
+from twin.geometry import STANDARD_GRAVITY_M_S2
+from twin.signals import BoolArray, FloatArray
 
 H, V, B0, B1, C = range(5)
 """Places of height, velocity, the bias's offset and instability, and the fix's correlated error."""
@@ -53,30 +51,26 @@ class Layout:
     """Where the states are; None for those that this filter does not have."""
 
     drift: int | None
-    """Of old corrections."""
+    """d, of old corrections."""
     coarse: int | None
-    """Of positions that are no fixes."""
+    """k, of positions that are no fixes."""
     speed: int | None
-    """Of the vertical speed."""
+    """s, of the vertical speed."""
+    leak: int | None
+    """b_2."""
     tilt: int | None
-    """Attitude error forwards; to the left is the next."""
+    """The level accelerometers' offsets, forwards and to the left."""
     size: int
 
     @classmethod
-    def of(cls, *, drift: bool, coarse: bool, speed: bool, tilt: bool) -> Layout:
+    def of(cls, *, drift: bool, coarse: bool, speed: bool, leak: bool, tilt: bool) -> Layout:
         """Number the states that are wanted."""
         places: list[int | None] = []
         size = C + 1
-        for wanted, width in ((drift, 1), (coarse, 1), (speed, 1), (tilt, 2)):
+        for wanted, width in ((drift, 1), (coarse, 1), (speed, 1), (leak, 1), (tilt, 2)):
             places.append(size if wanted else None)
             size += width if wanted else 0
-        return cls(drift=places[0], coarse=places[1], speed=places[2], tilt=places[3], size=size)
-
-    @property
-    def motion_places(self) -> IntArray:
-        """(4,) or (6,) places that height and velocity a moment later depend on."""
-        tilt = [] if self.tilt is None else [self.tilt, self.tilt + 1]
-        return np.array([H, V, B0, B1, *tilt], dtype=np.int64)
+        return cls(drift=places[0], coarse=places[1], speed=places[2], leak=places[3], tilt=places[4], size=size)
 
 
 class SpanMotion:
@@ -93,8 +87,10 @@ class SpanMotion:
     ) -> None:
         n = layout.size
         self.layout = layout
-        self.sums: FloatArray = np.zeros((9, runs))
-        """(9, R), of the span to come."""
+        self.sums: FloatArray = np.zeros((SUMS, runs))
+        """(13, R), of the span to come."""
+        self.lean: FloatArray = np.zeros((LEAN, runs))
+        """(11, R) what is known of the tilt."""
         self.coarse_s: FloatArray = np.full(runs, 100.0)
         """(R,) correlation time of the coarse positions' error."""
         self._errors = dict(errors)
@@ -102,6 +98,7 @@ class SpanMotion:
         self._F: FloatArray = np.zeros((n, n, runs))
         self._F[np.arange(n), np.arange(n)] = 1.0
         self._Q: FloatArray = np.zeros((n, n, runs))
+        self._noise: FloatArray = np.zeros((3, runs))
 
     def start(self) -> tuple[FloatArray, FloatArray]:
         """State (R, n) and covariance (R, n, n) before anything was heard."""
@@ -114,39 +111,36 @@ class SpanMotion:
             sigma[self.layout.coarse] = 1.0
         return np.zeros((runs, n)), np.tile(np.diag(sigma**2), (runs, 1, 1))
 
+    def ahead(self, x: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Height and velocity (2, R) a span after the state x (n, R), their Jacobian (2, n, R) and their noise (3, R):
+        variance of height, covariance, variance of velocity."""
+        leak, tilt = (-1 if place is None else place for place in (self.layout.leak, self.layout.tilt))
+        mean, rows, density = rise(x, self.sums, dt_s, self.lean, leak, tilt, STANDARD_GRAVITY_M_S2)
+        noise = np.stack([self.sums[Q_HH], self.sums[Q_HV], self.sums[Q_VV]])
+        noise += density * np.array([[dt_s**3 / 3.0], [dt_s**2 / 2.0], [dt_s]])
+        return mean, rows, noise
+
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """The state after the span, (R, n), and the Jacobian (R, n, n), which changes in place at the next call."""
-        F, sums, layout = self._F, self.sums, self.layout
-        F[H, V] = dt_s
-        F[H, B0] = F[H, B1] = -0.5 * dt_s * dt_s
-        F[V, B0] = F[V, B1] = -dt_s
+        F, layout = self._F, self.layout
+        before = np.ascontiguousarray(x.T)
         for place, error in self._errors.items():
             F[place, place] = math.exp(-dt_s / error.correlation_s)
         if layout.coarse is not None:
             F[layout.coarse, layout.coarse] = np.exp(-dt_s / self.coarse_s)
-        if layout.tilt is not None:
-            F[H, layout.tilt], F[V, layout.tilt] = -sums[FORWARD_H], -sums[FORWARD_V]
-            F[H, layout.tilt + 1], F[V, layout.tilt + 1] = -sums[LEFT_H], -sums[LEFT_V]
-        before = x.T
         after = before * F[np.arange(layout.size), np.arange(layout.size)]
-        for place in layout.motion_places.tolist()[1:]:
-            after[H] += F[H, place] * before[place]
-            if place != V:
-                after[V] += F[V, place] * before[place]
-        after[H] += sums[GAIN_H]
-        after[V] += sums[GAIN_V]
+        after[:2], F[:2], self._noise = self.ahead(before, dt_s)
         return after.T, F.transpose(2, 0, 1)
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
-        """Noise (R, n, n) gathered in the span; changes in place at the next call."""
-        Q, sums = self._Q, self.sums
-        Q[H, H], Q[H, V], Q[V, H], Q[V, V] = sums[Q_HH], sums[Q_HV], sums[Q_HV], sums[Q_VV]
+        """Noise (R, n, n) gathered in the span linearised last; changes in place at the next call."""
+        Q, layout, noise = self._Q, self.layout, self._noise
+        Q[H, H], Q[H, V], Q[V, H], Q[V, V] = noise[0], noise[1], noise[1], noise[2]
         Q[B0, B0] = self._offset[1] ** 2 * dt_s
         for place, error in self._errors.items():
             Q[place, place] = error.sigma**2 * -math.expm1(-2.0 * dt_s / error.correlation_s)
-        coarse = self.layout.coarse
-        if coarse is not None:
-            Q[coarse, coarse] = -np.expm1(-2.0 * dt_s / self.coarse_s)
+        if layout.coarse is not None:
+            Q[layout.coarse, layout.coarse] = -np.expm1(-2.0 * dt_s / self.coarse_s)
         return Q.transpose(2, 0, 1)
 
 
@@ -185,3 +179,10 @@ class SumOfStates:
             for other in self._places:
                 S = S + self._H[0, one] * P[:, one, other] * self._H[0, other]
         return y, S
+
+
+def renew_state(branch: Engine, place: int, members: BoolArray, mean: FloatArray, variance: FloatArray) -> None:
+    """Forget one state of some members; see :func:`twin.estimators.height_filter_kernels.renew`."""
+    x, P = np.ascontiguousarray(branch.x.T), np.ascontiguousarray(branch.P.transpose(1, 2, 0))
+    x, P = renew(x, P, place, members, mean, variance)
+    branch.restore(x.T, P.transpose(2, 0, 1))

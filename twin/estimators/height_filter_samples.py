@@ -25,6 +25,8 @@ from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measur
 
 COLUMNS = ("free_accel_u_m_s2", "free_accel_e_m_s2", "free_accel_n_m_s2", "roll_rad", "pitch_rad", "heading_rad")
 
+_ACCEL, _DENSITY, _LEVEL, _ARM, _ROWS = 0, 1, slice(2, 4), slice(6, 9), 9
+"""Rows of the history: what :func:`compose` wants, and the antenna's place (east, north, up) seen from the AHRS."""
 _WORK_M_S2, _WORK_S = 0.5, 0.3
 """Acceleration of a machine at work while nobody hears it, 1 sigma, and how long it lasts; a choice."""
 _USUAL_S = 2.0
@@ -121,12 +123,15 @@ class AccelerationHistory:
         BadInputError: the AHRS lacks a column.
     """
 
-    def __init__(self, info: SensorInfo, setup: EstimatorSetup, *, antenna: Lever, kept_s: float) -> None:
+    def __init__(
+        self, info: SensorInfo, setup: EstimatorSetup, *, antenna: Lever, kept_s: float, leak_sigma_rad: float
+    ) -> None:
         runs = setup.runs
         places = column_places(info, COLUMNS, setup=setup)
         self.sheet = AccelerationSheet.of(info)
         self._places = places
         self._antenna = antenna
+        self._leak_sigma = leak_sigma_rad
         self.step_s = 1.0 / info.rate_hz
         self.attitude_correlation_s = info.datasheet.get("attitude_correlation_s", 60.0)
         self._step_ns = round(NS_PER_S / info.rate_hz)
@@ -134,7 +139,7 @@ class AccelerationHistory:
         self._kept_ns = round(kept_s * NS_PER_S)
         self._size = 4 * (math.ceil(kept_s * info.rate_hz) + 16)
         self._begin, self._end = np.zeros((2, self._size), dtype=np.int64)
-        self._rows: FloatArray = np.zeros((5, self._size, runs))
+        self._rows: FloatArray = np.zeros((_ROWS, self._size, runs))
         self._first = self._count = 0
         self._pending: tuple[int, FloatArray, BoolArray] | None = None
         self._line: FloatArray = np.zeros(runs)
@@ -159,7 +164,7 @@ class AccelerationHistory:
         known = usable(measurement, values)
         values = np.where(known[:, np.newaxis], values, 0.0).T
         self.attitude = np.where(known, values[3:], self.attitude)
-        sample = self._level(values)
+        sample = self._row(values)
         if self._pending is None:
             self.settled_ns = t_ns - self._step_ns if self.settled_ns is None else self.settled_ns
         else:
@@ -181,55 +186,56 @@ class AccelerationHistory:
             self._silence(until_ns)
 
     def sums(self, from_ns: int, to_ns: int) -> FloatArray:
-        """Integrals (9, R) over a span, see :func:`compose`; beyond what was heard the acceleration goes on."""
+        """Integrals (13, R) over a span, see :func:`compose`; beyond what was heard the acceleration goes on."""
         last = self._count
         if self.settled_ns is not None and to_ns > self.settled_ns:
             last = self._provide(to_ns)
         part = slice(self._first, last)
-        rows = self._rows
-        return compose(
-            self._begin[part], self._end[part], rows[0, part], rows[1, part], rows[2, part], rows[3, part],
-            from_ns, to_ns,
-        )  # fmt: skip
+        return compose(self._begin[part], self._end[part], self._rows[:, part], from_ns, to_ns)
 
     def lagged(self, at_ns: int, lag_s: float) -> FloatArray:
-        """(R,) how far a velocity that lags behind by ``lag_s`` is behind at a settled time.
+        """(3, R) how far a velocity (east, north, up) that lags behind by ``lag_s`` is behind at a settled time.
 
         A lag L keeps of v what its acceleration a has not changed lately: v - L(v) = lag L(a).
         """
         part = slice(self._first, self._count)
-        return lag_s * lagged(self._begin[part], self._end[part], self._rows[0, part], at_ns, lag_s)
+        level = lagged(self._begin[part], self._end[part], self._rows[_LEVEL, part], at_ns, lag_s)
+        up = lagged(self._begin[part], self._end[part], self._rows[:1, part], at_ns, lag_s)
+        return lag_s * np.concatenate([level, up])
 
     def antenna(self, at_ns: int) -> FloatArray:
-        """(R,) how far the antenna is above the AHRS at a settled time."""
+        """(3, R) where the antenna is, seen from the AHRS, at a settled time."""
         if self._antenna.is_nothing or self._count == self._first:
-            return np.zeros(self._rows.shape[2])
+            return np.zeros((3, self._rows.shape[2]))
         at = int(np.searchsorted(self._end[self._first : self._count], at_ns)) + self._first
-        return self._rows[4, min(at, self._count - 1)].copy()
+        return self._rows[_ARM, min(at, self._count - 1)].copy()
 
-    def antenna_rate(self, at_ns: int, lag_s: float) -> FloatArray:
-        """(R,) how fast the antenna rises above the AHRS, lagged by ``lag_s``: L(a') = (a - L(a)) / lag."""
-        if self._antenna.is_nothing or lag_s <= 0.0:
-            return np.zeros(self._rows.shape[2])
+    def antenna_velocity(self, at_ns: int, lag_s: float) -> FloatArray:
+        """(3, R) velocity of the antenna against the AHRS, lagged by ``lag_s``: L(a') = (a - L(a)) / lag."""
+        if self._antenna.is_nothing or lag_s <= 0.0 or self._count == self._first:
+            return np.zeros((3, self._rows.shape[2]))
         part = slice(self._first, self._count)
         begin, end = self._begin[part], self._end[part]
         told = 1.0 - math.exp((begin[0] - at_ns) / NS_PER_S / lag_s)
-        slow = lagged(begin, end, self._rows[4, part], at_ns, lag_s) / max(told, 1e-9)
+        slow = lagged(begin, end, self._rows[_ARM, part], at_ns, lag_s) / max(told, 1e-9)
         return (self.antenna(at_ns) - slow) / lag_s
 
     # --- within ------------------------------------------------------------------------------------------------------
 
-    def _level(self, values: FloatArray) -> FloatArray:
-        """(4, R) acceleration upwards, forwards and to the left, and how far the antenna is above the AHRS."""
-        sine, cosine = np.sin(self.attitude[2]), np.cos(self.attitude[2])
-        forward, left = values[1] * cosine + values[2] * sine, values[2] * cosine - values[1] * sine
-        return np.stack([values[0], forward, left, self._antenna.height(self.attitude)])
+    def _row(self, values: FloatArray) -> FloatArray:
+        """(9, R) a column of the history."""
+        row = np.empty((_ROWS, values.shape[1]))
+        row[_ACCEL], row[_LEVEL] = values[0], values[1:3]
+        row[4], row[5] = np.cos(self.attitude[2]), np.sin(self.attitude[2])
+        row[_ARM] = self._antenna.place(self.attitude)
+        return row
 
     def _last(self) -> FloatArray:
         """(R,) acceleration upwards of the last settled interval."""
-        return self._rows[0, self._count - 1] if self._count > self._first else np.zeros(self._rows.shape[2])
+        return self._rows[_ACCEL, self._count - 1] if self._count > self._first else np.zeros(self._rows.shape[2])
 
     def _settle(self, after: FloatArray, after_known: BoolArray) -> None:
+        """Take the pending sample into the history, judged by its neighbours."""
         assert self._pending is not None
         t_ns, sample, known = self._pending
         before, now = self._last(), sample[0]
@@ -244,7 +250,8 @@ class AccelerationHistory:
             variance = np.where(known, variance, variance + self._change)
         self._change = np.where(known, self._change + 0.02 * (change - self._change), self._change)
         self._line = np.where(known, 2.0 * now - before, now)
-        self._push(t_ns, now, variance * (self._step_ns / NS_PER_S), sample[1:])
+        sample[_ACCEL], sample[_DENSITY] = now, variance * (self._step_ns / NS_PER_S) + self._leak(sample)
+        self._push(t_ns, sample)
         self._pending = None
 
     def _judge_newest(self, now: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -261,25 +268,20 @@ class AccelerationHistory:
         runs = self._rows.shape[2]
         short = until_ns - self.settled_ns <= 3 * self._step_ns
         held = self._last() if short else np.zeros(runs)
-        density = np.full(runs, 2.0 * _WORK_M_S2**2 * _WORK_S)
-        arm = self._rows[4, self._count - 1] if self._count > self._first else np.zeros(runs)
-        self._push(until_ns, held, density, np.stack([np.zeros(runs), np.zeros(runs), arm]))
+        row = self._rows[:, max(self._count - 1, 0)].copy()
+        row[_ACCEL], row[_DENSITY], row[_LEVEL] = held, 2.0 * _WORK_M_S2**2 * _WORK_S, 0.0
+        self._push(until_ns, row)
 
-    def _push(self, end_ns: int, accel: FloatArray, density: FloatArray, rest: FloatArray) -> None:
+    def _push(self, end_ns: int, row: FloatArray) -> None:
         begin_ns = end_ns - self._step_ns if self.settled_ns is None else self.settled_ns
         if self._count + 3 > self._size:
             self._make_room()
-        self._write(self._count, begin_ns, end_ns, accel, density, rest)
+        self._begin[self._count], self._end[self._count] = begin_ns, end_ns
+        self._rows[:, self._count] = row
         self._count += 1
         self.settled_ns = end_ns
         while self._end[self._first] < end_ns - self._kept_ns:
             self._first += 1
-
-    def _write(
-        self, at: int, begin_ns: int, end_ns: int, accel: FloatArray, density: FloatArray, rest: FloatArray
-    ) -> None:
-        self._begin[at], self._end[at] = begin_ns, end_ns
-        self._rows[0, at], self._rows[1, at], self._rows[2:, at] = accel, density, rest
 
     def _make_room(self) -> None:
         kept = slice(self._first, self._count)
@@ -290,25 +292,29 @@ class AccelerationHistory:
 
     def _provide(self, to_ns: int) -> int:
         """Put the newest sample, and how it may go on, behind what is settled; how many intervals that makes."""
+        if self._count + 2 > self._size:
+            self._make_room()
         at, end_ns = self._count, self.settled_ns
         assert end_ns is not None
-        if at + 2 > self._size:
-            self._make_room()
-            at = self._count
-        accel, still = self._last(), np.zeros(self._rows.shape[2])
-        rest = np.zeros((3, len(still)))
+        row = self._rows[:, max(at - 1, 0)].copy()
         if self._pending is not None:
             t_ns, sample, _ = self._pending
-            accel, variance = self._newest
-            rest = sample[1:]
-            self._write(at, end_ns, t_ns, accel, variance * (self._step_ns / NS_PER_S), rest)
+            row = sample.copy()
+            row[_ACCEL], row[_DENSITY] = self._newest[0], self._newest[1] * self.step_s + self._leak(sample)
+            self._begin[at], self._end[at], self._rows[:, at] = end_ns, t_ns, row
             at, end_ns = at + 1, t_ns
         if to_ns > end_ns:
             ahead = to_ns - end_ns
-            if ahead <= 3 * self._step_ns:
-                density = (self._change + self.sheet.noise**2) * (ahead / NS_PER_S)
-            else:
-                accel, density = still, np.full(len(still), 2.0 * _WORK_M_S2**2 * _WORK_S)
-            self._write(at, end_ns, to_ns, accel, density, rest)
+            row[_DENSITY] = (self._change + self.sheet.noise**2) * (ahead / NS_PER_S)
+            if ahead > 3 * self._step_ns:
+                row[_ACCEL], row[_DENSITY], row[_LEVEL] = 0.0, 2.0 * _WORK_M_S2**2 * _WORK_S, 0.0
+            self._begin[at], self._end[at], self._rows[:, at] = end_ns, to_ns, row
             at += 1
         return at
+
+    def _leak(self, row: FloatArray) -> FloatArray | float:
+        """Density of what level acceleration leaks into Up where nobody follows the attitude error."""
+        if self._leak_sigma == 0.0:
+            return 0.0
+        leaked: FloatArray = 2.0 * _WORK_S * self._leak_sigma**2 * np.square(row[_LEVEL]).sum(axis=0)
+        return leaked
