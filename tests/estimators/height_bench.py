@@ -15,6 +15,7 @@ from twin.estimators import build_estimator
 from twin.geometry import STANDARD_GRAVITY_M_S2, rotation_from_rpy
 from twin.randomness import world_generator
 from twin.sensors import Sensor, build_sensor
+from twin.sensors.gnss import TRUE_FIX
 from twin.sensors.presets import load_preset
 from twin.signals import NS_PER_S, Estimator, EstimatorSetup, FloatArray, Measurement, Mount, MountMotion
 
@@ -50,7 +51,10 @@ class Machine:
         ramp = min(max(run / 3.0, 0.0), 1.0)
         soft, rate = ramp * ramp * (3.0 - 2.0 * ramp), (6.0 * ramp * (1.0 - ramp)) / 3.0
         angle = 2.0 * math.pi * hz * run + phase
-        wave, slope = float((amplitude * np.sin(angle)).sum()), float((2.0 * math.pi * hz * amplitude * np.cos(angle)).sum())
+        wave, slope = (
+            float((amplitude * np.sin(angle)).sum()),
+            float((2.0 * math.pi * hz * amplitude * np.cos(angle)).sum()),
+        )
         return soft * wave, soft * slope + rate * wave
 
     def rotation(self, t: float) -> FloatArray:
@@ -81,8 +85,10 @@ class Machine:
         height, rising = self.up(t)
         east, north = (0.0, 0.0) if self.speed is None else self.speed(t)
         # places are only used through their differences over a sample; level ones start anew each time
-        place = np.array([east * t, north * t, DESIGN_M + height]) if self.speed is None else np.array(
-            [*_travelled(self.speed, t), DESIGN_M + height]
+        place = (
+            np.array([east * t, north * t, DESIGN_M + height])
+            if self.speed is None
+            else np.array([*_travelled(self.speed, t), DESIGN_M + height])
         )
         step = 1e-4
         arm_rate = (self.rotation(t + step) - self.rotation(t - step)) @ offset / (2.0 * step)
@@ -107,7 +113,9 @@ def _travelled(speed: Callable[[float], tuple[float, float]], t: float) -> Float
     return grid[1][index] * (1.0 - rest) + grid[1][index + 1] * rest
 
 
-def make_sensor(name: str, preset: str, machine: Machine, *, runs: Sequence[int], seed: int = 1, **changes: Any) -> Sensor:
+def make_sensor(
+    name: str, preset: str, machine: Machine, *, runs: Sequence[int], seed: int = 1, **changes: Any
+) -> Sensor:
     config = CONFIGS.validate_python({"mount": name, **load_preset(preset), **changes})
     mount = Mount(body="plate", xyz_m=machine.mounts.get(name, (0.0, 0.0, 0.0)))
     return build_sensor(config, name=name, mount=mount, dt_ns=DT_NS, seed=seed, runs=runs)
@@ -124,6 +132,10 @@ class Result:
     velocity_sigma_m_s: FloatArray
     nees: FloatArray
     extra: dict[str, FloatArray]
+    fix_s: FloatArray
+    """(F,) times of the receiver's samples."""
+    true_fix: FloatArray
+    """(F, R) whether each was a fix that is what it says."""
 
 
 def run(
@@ -166,6 +178,7 @@ def drive(
     said: dict[str, list[Any]] = {name: [] for name in estimators}
     truth: list[tuple[float, float, float]] = []
     count = 0
+    fixes: list[tuple[float, FloatArray]] = []
     for step in range(1, round(duration_s * 50.0) + 1):
         t_ns = step * 20_000_000
         for sensor in sensors:
@@ -173,7 +186,10 @@ def drive(
                 t = sensor.next_tick * DT_NS / NS_PER_S
                 captured = machine.motion(before[sensor.name], t, machine.mounts.get(sensor.name, (0.0, 0.0, 0.0)))
                 before[sensor.name] = t
-                for measurement in sensor.sample(captured).measurements:
+                sample = sensor.sample(captured)
+                if TRUE_FIX in sensor.hidden_columns:
+                    fixes.append((t, sample.hidden[:, sensor.hidden_columns.index(TRUE_FIX)]))
+                for measurement in sample.measurements:
                     heapq.heappush(waiting, (measurement.t_available_ns, count, measurement))
                     count += 1
         while waiting and waiting[0][0] <= t_ns:
@@ -186,10 +202,18 @@ def drive(
         for name, estimator in estimators.items():
             said[name].append(estimator.estimate(t_ns))
     t_s, height, rising = np.array(truth).T
-    return {name: _result(estimators[name], said[name], t_s, height, rising) for name in estimators}
+    fixed = np.array([each[0] for each in fixes]), np.array([each[1] for each in fixes])
+    return {name: _result(estimators[name], said[name], t_s, height, rising, fixed) for name in estimators}
 
 
-def _result(estimator: Estimator, said: list[Any], t_s: FloatArray, height: FloatArray, rising: FloatArray) -> Result:
+def _result(
+    estimator: Estimator,
+    said: list[Any],
+    t_s: FloatArray,
+    height: FloatArray,
+    rising: FloatArray,
+    fixed: tuple[FloatArray, FloatArray],
+) -> Result:
     values, sigmas = np.stack([each.values for each in said]), np.stack([each.sigmas for each in said])
     error = np.stack([values[:, :, 0] - height[:, np.newaxis], values[:, :, 1] - rising[:, np.newaxis]], axis=-1)
     nees = np.full(error.shape[:2], np.nan)
@@ -204,6 +228,8 @@ def _result(estimator: Estimator, said: list[Any], t_s: FloatArray, height: Floa
         velocity_sigma_m_s=sigmas[:, :, 1],
         nees=nees,
         extra={name: values[:, :, index] for index, name in enumerate(estimator.columns[2:], start=2)},
+        fix_s=fixed[0],
+        true_fix=fixed[1],
     )
 
 
@@ -231,9 +257,7 @@ def honesty(result: Result, from_s: float, to_s: float = math.inf) -> Honesty:
     inside = error <= 2.576 * sigma
     bins = np.floor(result.t_s[counted] - from_s - 1e-6).astype(int)
     shares = [inside[bins == each].mean() for each in np.unique(bins)]
-    ratios = [
-        sigma[bins == each].mean() / np.sqrt(np.square(error[bins == each]).mean()) for each in np.unique(bins)
-    ]
+    ratios = [sigma[bins == each].mean() / np.sqrt(np.square(error[bins == each]).mean()) for each in np.unique(bins)]
     return Honesty(
         inside=float(inside.mean()),
         worst_bin_inside=float(min(shares)),
@@ -244,7 +268,12 @@ def honesty(result: Result, from_s: float, to_s: float = math.inf) -> Honesty:
     )
 
 
-def recovered(result: Result, at_s: float) -> float:
-    """Share of members with |e| <= 30 mm and sigma <= 15 mm at a time."""
-    at = int(np.argmin(np.abs(result.t_s - at_s)))
-    return float(((np.abs(result.error_m[at]) <= LIMIT_M) & (result.sigma_m[at] <= 0.5 * LIMIT_M)).mean())
+def recovered(result: Result, end_s: float, within_s: float) -> float:
+    """Share of members with |e| <= 30 mm and sigma <= 15 mm so long after their first true fix since ``end_s``."""
+    later = result.fix_s >= end_s - 1e-9
+    first_s = result.fix_s[later][np.argmax(result.true_fix[later] > 0.0, axis=0)]
+    at = np.searchsorted(result.t_s, first_s + within_s - 1e-9)
+    counted = (result.true_fix[later] > 0.0).any(axis=0) & (at < len(result.t_s))
+    members = np.flatnonzero(counted)
+    error, sigma = np.abs(result.error_m[at[members], members]), result.sigma_m[at[members], members]
+    return float(((error <= LIMIT_M) & (sigma <= 0.5 * LIMIT_M)).mean())

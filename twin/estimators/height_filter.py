@@ -197,12 +197,11 @@ class HeightFilter:
             again += [done[2] for done in later]
         for each in again:
             self._advance(each.t_ns)
-            assert self._now_ns is not None
             self._done.append((each.t_ns, self.branches.snapshot(), each))
             self._hear(each)
             if each is reading:
                 self._nis = dict(self.branches.nis)
-        while self._done and self._done[0][0] < self._now_ns - self._history_ns:
+        while self._done[0][0] < self._done[-1][0] - self._history_ns:
             self._done.popleft()
 
     def _hear(self, reading: FixReading) -> None:
@@ -234,6 +233,8 @@ class HeightFilter:
 
     def _follow_reference(self, t_ns: int) -> None:
         """Height and rate of the reference point above the AHRS."""
+        if self._reference.is_nothing:
+            return
         height = self._reference.height(self._history.attitude)
         rate = np.zeros(self._runs)
         if self._reference_now is not None and t_ns > self._reference_now[0]:
@@ -250,7 +251,7 @@ class HeightFilter:
         self.branches.look(self._history.sums(begin_ns, t_ns))
         (height, velocity), rows, noise = self._motion.ahead(x, (t_ns - begin_ns) / NS_PER_S)
         hh, hv, vv = spread(rows, P, noise)
-        if not self._reference.is_nothing and self._reference_now is not None:
+        if self._reference_now is not None:
             _, above, rate = self._reference_now
             height, velocity = height + above, velocity + rate
             hh, vv = self._lean(hh, vv)
@@ -265,7 +266,7 @@ class HeightFilter:
         return Estimate(t_ns=t_ns, values=values, sigmas=sigmas, covariance=covariance)
 
     def _lean(self, hh: FloatArray, vv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Add what the attitude error makes of the lever: of its height, and of its rate from one sample to the next."""
+        """Add what the attitude error makes of the lever: of its height, and of its rate between two samples."""
         slope = self._reference.slope(self._history.attitude) * self._attitude_sigma
         change = 2.0 * self._history.step_s / self._history.attitude_correlation_s
         return hh + np.square(slope), vv + np.square(slope / self._history.step_s) * change

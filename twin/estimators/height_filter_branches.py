@@ -13,8 +13,8 @@ A candidate whose first fix contradicts the held branch is *contrary*: it begins
 last ``patience_s``, since a wrong fix may last for many seconds, or, if that is shorter, as long as the fixes
 on which the held branch rests had lasted. So no member locks itself out for good.
 
-Vertical speed and coarse positions go into both branches. A coarse position has an error of its own for every stretch of
-one fix state; one that does not pass the gate begins a new stretch. A vertical speed that has been refused for
+Vertical speed and coarse positions go into both branches. A coarse position has an error of its own for every stretch
+of one fix state; one that does not pass the gate begins a new stretch. A vertical speed that has been refused for
 ``speed_patience_s`` while no fix was used opens the velocity: then the accelerometer is wrong.
 """
 

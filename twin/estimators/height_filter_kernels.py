@@ -155,3 +155,25 @@ def peak_of_three(before: FloatArray, now: FloatArray, after: FloatArray) -> Flo
         if one * other > 0.0:
             out[m] = one if abs(one) < abs(other) else other
     return out
+
+
+@compiled
+def judge(evidence: FloatArray, off: FloatArray, usual: FloatArray, probability: float, outlier: float) -> FloatArray:
+    """Bayes' rule for samples that stick out by ``evidence`` (R,), (3, R): the outlier in each as is to be expected,
+    the variance that it leaves, and how likely the sample is one.
+
+    Genuine samples stick out with a mean square ``usual`` (R,), outliers of the variance ``outlier`` come with a
+    ``probability``. ``off`` (R,) is how far the sample is from where its neighbours want it.
+    """
+    out = np.empty((3, len(off)))
+    for m in range(len(off)):
+        wide = usual[m] + outlier
+        odds = probability / (1.0 - probability) * np.sqrt(usual[m] / wide)
+        exponent = min(0.5 * evidence[m] * evidence[m] * (1.0 / usual[m] - 1.0 / wide), 600.0)
+        likely = odds * np.exp(exponent)
+        likely = likely / (1.0 + likely)
+        share = outlier / wide
+        expected = likely * share * off[m]
+        variance = likely * (share * usual[m] + (share * off[m]) ** 2) - expected * expected
+        out[0, m], out[1, m], out[2, m] = expected, max(variance, 0.0), likely
+    return out

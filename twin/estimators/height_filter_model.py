@@ -5,13 +5,13 @@
 h is the height of the attitude sensor (AHRS) above the design plane, v its vertical velocity, a what the AHRS says of
 the acceleration upwards; b_0 is its offset, b_1 an instability, w white noise.
 
-**The attitude error leaks** into a. Either it is learnt beside (:mod:`twin.estimators.height_filter_tilt`), and two states of
-variance one stand for what is left, the offsets of the level accelerometers; or its quadratic part is one more slow bias
-b_2 (standard deviation g sigma^2 and half the attitude's correlation time, as the sum of two squares has), and the rest
-is noise.
+**The attitude error leaks** into a. Either it is learnt beside (:mod:`twin.estimators.height_filter_tilt`), and two
+states of variance one stand for what is left, the offsets of the level accelerometers; or its quadratic part is one
+more slow bias b_2 (standard deviation g sigma^2 and half the attitude's correlation time, as the sum of two squares
+has), and the rest is noise.
 
-**The receiver's errors** are states too, those of position as numbers of variance one that the observation multiplies by
-their standard deviation: c of a fix, d of a fix per second of age and unit of drift, k of a coarse position; s (m/s)
+**The receiver's errors** are states too, those of position as numbers of variance one that the observation multiplies
+by their standard deviation: c of a fix, d of a fix per second of age and unit of drift, k of a coarse position; s (m/s)
 of the vertical speed.
 
 Accelerations are means over the intervals between samples, so a whole span of samples is one step, whose integrals

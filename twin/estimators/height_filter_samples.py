@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.estimators.height_filter_kernels import compose, lagged, peak_of_three
+from twin.estimators.height_filter_kernels import compose, judge, lagged, peak_of_three
 from twin.estimators.height_filter_levers import Lever
 from twin.estimators.roles import column_places, usable
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
@@ -68,7 +68,8 @@ class _Usual:
 
     def square(self) -> FloatArray:
         """(R,) mean square of what is usual now."""
-        return np.maximum(np.maximum(self._mean, self._peak), self._least)
+        usual: FloatArray = np.maximum(np.maximum(self._mean, self._peak), self._least)
+        return usual
 
     def learn(self, square: FloatArray) -> None:
         """Take one more, (R,); what is far above the usual counts as not much above it."""
@@ -101,19 +102,8 @@ class OutlierJudge:
         self._newest.learn(np.square(np.where(found[2] < 0.5, off, 0.0)))
         return found[0], found[1]
 
-    def _judge(
-        self, evidence: FloatArray, off: FloatArray, usual: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        outlier = self._sheet.outlier_sigma**2
-        wide = usual + outlier
-        odds = self._sheet.outlier_probability / (1.0 - self._sheet.outlier_probability) * np.sqrt(usual / wide)
-        exponent = np.minimum(0.5 * np.square(evidence) * (1.0 / usual - 1.0 / wide), 600.0)
-        likely = odds * np.exp(exponent)
-        likely = likely / (1.0 + likely)
-        share = outlier / wide
-        expected = likely * share * off
-        variance = likely * (share * usual + np.square(share * off)) - np.square(expected)
-        return expected, np.maximum(variance, 0.0), likely
+    def _judge(self, evidence: FloatArray, off: FloatArray, usual: FloatArray) -> FloatArray:
+        return judge(evidence, off, usual, self._sheet.outlier_probability, self._sheet.outlier_sigma**2)
 
 
 class AccelerationHistory:

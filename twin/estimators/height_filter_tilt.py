@@ -1,4 +1,4 @@
-"""The attitude error of an AHRS, learnt from a receiver's level velocity, and what it makes of the acceleration upwards.
+"""The attitude error of an AHRS, learnt from a receiver's level velocity, and what it does to the acceleration upwards.
 
 With t_f the negative of its pitch error and t_l its roll error, b_f and b_l the offsets of its level accelerometers, an
 AHRS says of the level accelerations a_f (forwards) and a_l (to the left), and of the one upwards, to second order,
@@ -10,9 +10,9 @@ within seconds: more than all else that an accelerometer of this class gets wron
 
     a = A - t_f (A_f - b_f) - g t_f^2 / 2 - (the same to the left)
 
-The filter's state is t_f, t_l (Gauss-Markov), b_f, b_l (constant) and the velocities v_e, v_n. It knows g t - b well and
-either of the two badly, so that what is left in a is an error of b: a constant that acts with t - (dt/db) a_f, and the
-rest of t, whose effect is taken for white noise.
+The filter's state is t_f, t_l (Gauss-Markov), b_f, b_l (constant) and the velocities v_e, v_n. It knows g t - b well
+and either of the two badly, so that what is left in a is an error of b: a constant that acts with t - (dt/db) a_f, and
+the rest of t, whose effect is taken for white noise.
 """
 
 from __future__ import annotations
@@ -109,11 +109,13 @@ class LevelFilter:
         self._motion = LevelMotion(tilt, offset_sigma=offset_sigma, runs=runs)
         self._engine = engine(*self._motion.start())
         self._used_ns: IntArray = np.full(runs, _NEVER, dtype=np.int64)
+        self._lean: FloatArray | None = None
         self._gate = gate_sigmas**2
         self._patience_ns = round(patience_s * NS_PER_S)
 
     def advance(self, sums: FloatArray, span_s: float) -> None:
         """Move on by a span with these integrals (13, R)."""
+        self._lean = None
         self._motion.sums = sums
         self._engine.predict(self._motion, sums, span_s)
 
@@ -121,6 +123,7 @@ class LevelFilter:
         """Take a velocity that is true now, slower by ``behind_m_s`` (2 or more, R) than the AHRS."""
         if not reading.level_known.any():
             return
+        self._lean = None
         lost = reading.t_ns - self._used_ns > self._patience_ns
         kept = reading.level_known
         for axis in range(2):
@@ -143,6 +146,8 @@ class LevelFilter:
         true level acceleration the density of what the rest of t does. Then one: what their covariance adds to the
         mean acceleration upwards.
         """
+        if self._lean is not None:
+            return self._lean
         x, P = self._engine.x, self._engine.P
         lean = np.empty((LEAN, len(x)))
         lean[CURVATURE] = 0.0
@@ -156,6 +161,7 @@ class LevelFilter:
             lasting_s = self._tilt.correlation_s * np.minimum(rest / self._tilt.sigma**2, 1.0)
             lean[REST + side] = 2.0 * rest * lasting_s
             lean[CURVATURE] += both - 0.5 * _G * tilt
+        self._lean = lean
         return lean
 
     def snapshot(self) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -164,5 +170,6 @@ class LevelFilter:
 
     def restore(self, snapshot: tuple[FloatArray, FloatArray, IntArray]) -> None:
         """Go back to what was known."""
+        self._lean = None
         self._engine.restore(snapshot[0], snapshot[1])
         self._used_ns = snapshot[2]

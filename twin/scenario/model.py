@@ -114,6 +114,8 @@ class ScoringConfig(Config):
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     causal_bound_of: str | None = None
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
+    height_bound_of: str | None = None
+    """Name of an estimator: also give the least error of the height any causal filter with its sensors could have."""
     limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
     smallest_ramp_m_s: Positive | None = None
@@ -206,7 +208,9 @@ class Scenario(Config):
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
         named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
-        named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of")}
+        named |= {
+            f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of", "height_bound_of")
+        }
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
