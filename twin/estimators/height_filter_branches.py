@@ -14,8 +14,10 @@ last ``patience_s``, since a wrong fix may last for many seconds, or, if that is
 on which the held branch rests had lasted. So no member locks itself out for good.
 
 Vertical speed and coarse positions go into both branches. A coarse position has an error of its own for every stretch
-of one fix state; one that does not pass the gate begins a new stretch. A vertical speed that has been refused for
-``speed_patience_s`` while no fix was used opens the velocity: then the accelerometer is wrong.
+of one fix state; one that does not pass the gate begins a new stretch. A receiver that flaps comes back with the error
+it left: stretches that follow within the error's correlation time tell how the height changes, not where it is. A
+vertical speed that has been refused for ``speed_patience_s`` while no fix was used opens the velocity: then the
+accelerometer is wrong.
 """
 
 from __future__ import annotations
@@ -44,6 +46,8 @@ from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
 """Modes: no fix yet; fixes are used; none is; fixes are on probation; fixes contradict what is held."""
 _NEVER = -(2**62)
+_ANY_ERROR = 100.0
+"""Of a coarse position of which nothing is known, in standard deviations."""
 _VAGUE_M = 10.0
 """Whoever knows the height no better than this has nothing to lose."""
 
@@ -87,12 +91,14 @@ class Beliefs:
     """State of the last position; NaN before."""
     speed_ns: IntArray
     """When a vertical speed was last used, or none was there."""
+    coarse_ns: IntArray
+    """When a stretch of coarse positions last told where the height is, not only how it changes."""
 
     @classmethod
     def none(cls, runs: int) -> Beliefs:
         """Before anything was heard."""
         never, no = np.full(runs, _NEVER, dtype=np.int64), np.zeros(runs, dtype=np.bool_)
-        return cls(never, never, no, no, never, never, np.full(runs, np.nan), never)
+        return cls(never, never, no, no, never, never, np.full(runs, np.nan), never, never)
 
 
 Level = tuple[FloatArray, FloatArray, IntArray]
@@ -236,12 +242,16 @@ class Branches:
             size=motion.layout.size,
         )
         z, runs = reading.height_m - arm_m, len(arm_m)
+        told = reading.t_ns - self.beliefs.coarse_ns < reading.coarse_s * NS_PER_S
         for branch, members in self._both():
             y, S = observation.innovation(branch.x, branch.P, z)
             anew = reading.coarse & members & (changed | (np.square(y) > self._gate * S))
             if anew.any():
-                renew_state(branch, place, anew, np.zeros(runs), np.ones(runs))
+                renew_state(branch, place, anew, np.zeros(runs), np.where(told, _ANY_ERROR**2, 1.0))
                 y, S = observation.innovation(branch.x, branch.P, z)
+            if branch is self.held:
+                coarse_ns = np.where(anew & ~told, reading.t_ns, self.beliefs.coarse_ns)
+                self.beliefs = replace(self.beliefs, coarse_ns=coarse_ns)
             used = reading.coarse & members & (np.square(y) <= self._gate * S)
             branch.update(observation, z[:, np.newaxis], used, observation.R)
 
