@@ -70,6 +70,8 @@ class HeightFilterConfig(Config):
     """Reckon antenna and reference point from the AHRS by its attitude."""
     tilt: bool = True
     """Learn the AHRS's attitude error, which leaks into Up, from the receiver's level velocity."""
+    working_speed_m_s: Positive = 1.0
+    """How fast the machine moves level, 1 sigma: all that is known of it while the receiver says nothing."""
     bias_walk_m_s2_rts: NonNegative = 0.0
     """How the accelerometer's offset wanders beside its instability (temperature), per square root of a second."""
     history_s: Positive = 0.8
@@ -142,6 +144,11 @@ class HeightFilter:
         sheet, gates = ahrs.datasheet, self._config.gates
         return LevelFilter(
             _tilt(ahrs),
+            SlowError(
+                sigma=sheet.get("heading_sigma_rad", 0.0), correlation_s=sheet.get("heading_correlation_s", 60.0)
+            ),
+            lag_s=self._lag_s,
+            speed_m_s=self._config.working_speed_m_s,
             offset_sigma=sheet.get("free_accel_bias_m_s2", _OFFSET_M_S2),
             runs=self._runs,
             gate_sigmas=gates.sigmas,
@@ -209,7 +216,12 @@ class HeightFilter:
         behind = -self._history.antenna_velocity(t_ns, self._lag_s)
         if self._lag_s > 0.0:
             behind += self._history.lagged(t_ns, self._lag_s)
-        self.branches.hear(reading, arm_m=self._history.antenna(t_ns)[2], behind_m_s=behind)
+        self.branches.hear(
+            reading,
+            arm_m=self._history.antenna(t_ns)[2],
+            behind_m_s=behind,
+            heading_rad=self._history.attitude[2],
+        )
 
     def _keep_up(self) -> None:
         """Follow the acceleration where the receiver is silent, as far as nothing late can come any more."""

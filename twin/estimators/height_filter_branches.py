@@ -40,7 +40,7 @@ from twin.estimators.height_filter_model import (
     renew_state,
 )
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
-from twin.estimators.height_filter_tilt import LevelFilter
+from twin.estimators.height_filter_tilt import LevelFilter, LevelSnapshot
 from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
 WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
@@ -101,8 +101,7 @@ class Beliefs:
         return cls(never, never, no, no, never, never, np.full(runs, np.nan), never, never)
 
 
-Level = tuple[FloatArray, FloatArray, IntArray]
-Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, Level | None]
+Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, LevelSnapshot | None]
 
 
 class Branches:
@@ -171,16 +170,17 @@ class Branches:
 
     # --- what the receiver says --------------------------------------------------------------------------------------
 
-    def hear(self, reading: FixReading, *, arm_m: FloatArray, behind_m_s: FloatArray) -> None:
+    def hear(self, reading: FixReading, *, arm_m: FloatArray, behind_m_s: FloatArray, heading_rad: FloatArray) -> None:
         """Take a sample that is true now.
 
         ``arm_m`` (R,) is how far the antenna is above the AHRS; ``behind_m_s`` (3, R) how much slower the receiver's
-        velocity is than the AHRS: by its own lag, and by the antenna's motion against the AHRS.
+        velocity is than the AHRS, which heads ``heading_rad`` (R,): by its own lag, and by the antenna's motion against
+        the AHRS.
         """
         self.nis = {}
         self._drop_old_candidates(reading.t_ns)
         if self.level is not None:
-            self.level.hear(reading, behind_m_s)
+            self.level.hear(reading, behind_m_s, heading_rad)
         if self._receiver.speed is not None:
             self._hear_speed(reading, behind_m_s[2])
         self._hear_coarse(reading, arm_m)

@@ -21,6 +21,8 @@ COLUMNS = ("free_accel_u_m_s2", "free_accel_e_m_s2", "free_accel_n_m_s2", "roll_
 
 _ACCEL, _DENSITY, _LEVEL, _ARM, _ROWS = 0, 1, slice(2, 4), slice(6, 9), 9
 """Rows of the history: what :func:`compose` wants, and the antenna's place (east, north, up) seen from the AHRS."""
+_TURN_S = 2.0
+"""How long a turn, or speeding up, lasts beyond the second over which level acceleration is averaged; a choice."""
 _DENSITY_M_S2_RTHZ = 6e-4
 """Noise where the data sheet is silent: that of a good unit."""
 _WORK_M_S2, _WORK_S = 0.5, 0.3
@@ -44,6 +46,7 @@ class AccelerationHistory:
         self._places = places
         self._antenna = antenna
         self._leak_sigma = leak_sigma_rad
+        self._slow: FloatArray = np.zeros((2, runs))
         self.step_s = 1.0 / info.rate_hz
         self.attitude_correlation_s = info.datasheet.get("attitude_correlation_s", 60.0)
         self._step_ns = round(NS_PER_S / info.rate_hz)
@@ -155,6 +158,7 @@ class AccelerationHistory:
         outlier, left = self._judge.settle(now, after, known & after_known)
         variance = self._noise**2 + left + np.where(known, 0.0, self._change)
         now = now - outlier
+        self._slow = self._slow + self.step_s * (sample[_LEVEL] - self._slow)
         # how much accelerations change from one sample to the next, over the last second
         self._change = np.where(
             known, self._change + self.step_s * (np.square(now - before) - self._change), self._change
@@ -221,5 +225,6 @@ class AccelerationHistory:
         """Density of what level acceleration leaks into Up where nobody follows the attitude error."""
         if self._leak_sigma == 0.0:
             return 0.0
-        leaked: FloatArray = 2.0 * _WORK_S * self._leak_sigma**2 * np.square(row[_LEVEL]).sum(axis=0)
+        slow, fast = np.square(self._slow).sum(axis=0), np.square(row[_LEVEL] - self._slow).sum(axis=0)
+        leaked: FloatArray = 2.0 * self._leak_sigma**2 * (_TURN_S * slow + _WORK_S * fast)
         return leaked

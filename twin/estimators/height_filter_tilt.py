@@ -10,9 +10,10 @@ within seconds: more than all else that an accelerometer of this class gets wron
 
     a = A - t_f (A_f - b_f) - g t_f^2 / 2 - (the same to the left)
 
-The filter's state is t_f, t_l (Gauss-Markov), b_f, b_l (constant) and the velocities v_e, v_n. It knows g t - b well
-and either of the two badly, so that what is left in a is an error of b: a constant that acts with t - (dt/db) a_f, and
-the rest of t, whose effect is taken for white noise.
+The filter's state is t_f, t_l (Gauss-Markov), b_f, b_l (constant), the velocities v_e, v_n, and the heading's error, a
+turn of the level acceleration that looks like a tilt when the machine turns. It knows g t - b well and
+either of the two badly, so that what is left in a is an error of b: a constant that acts with t - (dt/db) a_f, and the
+rest of t, whose effect is taken for white noise.
 """
 
 from __future__ import annotations
@@ -43,48 +44,57 @@ from twin.estimators.height_filter_receiver import FixReading
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import NS_PER_S, FloatArray, IntArray
 
-_T, _B, _V, _SIZE = 0, 2, 4, 6
+_T, _B, _V, _PSI, _SIZE = 0, 2, 4, 6, 7
 _G = STANDARD_GRAVITY_M_S2
 _UNKNOWN_M_S = 1.0
 _NEVER = -(2**62)
+_SILENT_S, _SPEED_S = 1.0, 10.0
+"""After so long without a velocity only this is known of it: how fast machines work, for so long one way; choices."""
+
+LevelSnapshot = tuple[FloatArray, FloatArray, IntArray, FloatArray]
 
 
 class LevelMotion:
     """How tilts, offsets and level velocities go on (:class:`twin.estimators.engines.Motion`)."""
 
-    def __init__(self, tilt: SlowError, *, offset_sigma: float, runs: int) -> None:
+    def __init__(self, tilt: SlowError, heading: SlowError, *, offset_sigma: float, runs: int) -> None:
         self.sums: FloatArray = np.zeros((SUMS, runs))
         """(13, R), of the span to come."""
-        self._tilt, self._offset_sigma, self._runs = tilt, offset_sigma, runs
+        self._tilt, self._heading = tilt, heading
+        self._offset_sigma, self._runs = offset_sigma, runs
         self._F: FloatArray = np.zeros((_SIZE, _SIZE, runs))
         self._F[np.arange(_SIZE), np.arange(_SIZE)] = 1.0
         self._Q: FloatArray = np.zeros((_SIZE, _SIZE, runs))
 
     def start(self) -> tuple[FloatArray, FloatArray]:
-        """State (R, 6) and covariance (R, 6, 6) before anything was heard."""
-        sigma = np.repeat([self._tilt.sigma, self._offset_sigma, _UNKNOWN_M_S], 2)
+        """State (R, 7) and covariance (R, 7, 7) before anything was heard."""
+        sigma = np.append(np.repeat([self._tilt.sigma, self._offset_sigma, _UNKNOWN_M_S], 2), self._heading.sigma)
         return np.zeros((self._runs, _SIZE)), np.tile(np.diag(sigma**2), (self._runs, 1, 1))
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
-        """The state after the span, (R, 6), and the Jacobian (R, 6, 6), which changes in place at the next call."""
+        """The state after the span, (R, 7), and the Jacobian (R, 7, 7), which changes in place at the next call."""
         F, sums, before = self._F, self.sums, x.T
         kept = math.exp(-dt_s / self._tilt.correlation_s)
         F[_T, _T] = F[_T + 1, _T + 1] = kept
-        after = before.copy()
-        after[_T : _T + 2] *= kept
+        F[_PSI, _PSI] = math.exp(-dt_s / self._heading.correlation_s)
+        after = before * F[np.arange(_SIZE), np.arange(_SIZE)]
         cosine, sine = sums[COSINE], sums[SINE]
-        for place, forward, left, gain in ((_V, cosine, -sine, sums[EAST]), (_V + 1, sine, cosine, sums[NORTH])):
+        for place, forward, left, gain, turned in (
+            (_V, cosine, -sine, sums[EAST], sums[NORTH]),
+            (_V + 1, sine, cosine, sums[NORTH], -sums[EAST]),
+        ):
             F[place, _T], F[place, _T + 1] = _G * forward, _G * left
             F[place, _B], F[place, _B + 1] = -forward, -left
+            F[place, _PSI] = turned
             after[place] += gain
-            for cause in range(_V):
+            for cause in (*range(_V), _PSI):
                 after[place] += F[place, cause] * before[cause]
         return after.T, F.transpose(2, 0, 1)
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
-        """Noise (R, 6, 6) gathered in the span; changes in place at the next call."""
-        gathered = self._tilt.sigma**2 * -math.expm1(-2.0 * dt_s / self._tilt.correlation_s)
-        self._Q[_T, _T] = self._Q[_T + 1, _T + 1] = gathered
+        """Noise (R, 7, 7) gathered in the span; changes in place at the next call."""
+        for place, error in ((_T, self._tilt), (_T + 1, self._tilt), (_PSI, self._heading)):
+            self._Q[place, place] = error.sigma**2 * -math.expm1(-2.0 * dt_s / error.correlation_s)
         self._Q[_V, _V] = self._Q[_V + 1, _V + 1] = self.sums[Q_VV]
         return self._Q.transpose(2, 0, 1)
 
@@ -92,24 +102,30 @@ class LevelMotion:
 class LevelFilter:
     """Tilts of R members.
 
-    A velocity that does not pass the gate is not used; when that has lasted for ``patience_s`` it begins anew.
+    A velocity that does not pass the gate is not used; when that has lasted for ``patience_s`` it begins anew. Where
+    none comes, the machine still has no more than its working speed, ``speed_m_s``: what looks like more is a tilt.
     """
 
     def __init__(
         self,
         tilt: SlowError,
+        heading: SlowError,
         *,
         offset_sigma: float,
+        lag_s: float,
+        speed_m_s: float,
         runs: int,
         gate_sigmas: float,
         patience_s: float,
         engine: Callable[[FloatArray, FloatArray], Engine],
     ) -> None:
         self._tilt = tilt
-        self._motion = LevelMotion(tilt, offset_sigma=offset_sigma, runs=runs)
+        self._motion = LevelMotion(tilt, heading, offset_sigma=offset_sigma, runs=runs)
         self._engine = engine(*self._motion.start())
         self._used_ns: IntArray = np.full(runs, _NEVER, dtype=np.int64)
         self._lean: FloatArray | None = None
+        self._lag_s, self._speed_m_s = lag_s, speed_m_s
+        self._silent_s: FloatArray = np.zeros(runs)
         self._gate = gate_sigmas**2
         self._patience_ns = round(patience_s * NS_PER_S)
 
@@ -118,16 +134,28 @@ class LevelFilter:
         self._lean = None
         self._motion.sums = sums
         self._engine.predict(self._motion, sums, span_s)
+        self._silent_s = self._silent_s + span_s
+        silent = self._silent_s > _SILENT_S
+        if silent.any():
+            variance = np.full(len(silent), self._speed_m_s**2 * 2.0 * _SPEED_S / span_s)
+            for axis in range(2):
+                slow = SumOfStates({_V + axis: 1.0}, variance, size=_SIZE)
+                self._engine.update(slow, np.zeros((len(silent), 1)), silent, slow.R)
 
-    def hear(self, reading: FixReading, behind_m_s: FloatArray) -> None:
-        """Take a velocity that is true now, slower by ``behind_m_s`` (2 or more, R) than the AHRS."""
+    def hear(self, reading: FixReading, behind_m_s: FloatArray, heading_rad: FloatArray) -> None:
+        """Take a velocity that is true now, slower by ``behind_m_s`` (2 or more, R) than the AHRS, which heads (R,).
+
+        The receiver's lag is made good by the acceleration as the AHRS says it, with its tilt and offset.
+        """
         if not reading.level_known.any():
             return
         self._lean = None
         lost = reading.t_ns - self._used_ns > self._patience_ns
         kept = reading.level_known
-        for axis in range(2):
-            observation = SumOfStates({_V + axis: 1.0}, reading.level_variance, size=_SIZE)
+        cosine, sine = self._lag_s * np.cos(heading_rad), self._lag_s * np.sin(heading_rad)
+        for axis, (forward, left) in enumerate(((cosine, -sine), (sine, cosine))):
+            weights = {_T: -_G * forward, _T + 1: -_G * left, _B: forward, _B + 1: left, _V + axis: np.ones(len(sine))}
+            observation = SumOfStates(weights, reading.level_variance, size=_SIZE)
             z = reading.level_m_s[axis] + behind_m_s[axis]
             y, S = observation.innovation(self._engine.x, self._engine.P, z)
             passed = np.square(y) <= self._gate * S
@@ -138,6 +166,7 @@ class LevelFilter:
             self._engine.update(observation, z[:, np.newaxis], used, observation.R)
             kept = kept & used
         self._used_ns = np.where(kept, reading.t_ns, self._used_ns)
+        self._silent_s = np.where(kept, 0.0, self._silent_s)
 
     def lean(self) -> FloatArray:
         """(11, R) what is known of tilts now.
@@ -164,12 +193,12 @@ class LevelFilter:
         self._lean = lean
         return lean
 
-    def snapshot(self) -> tuple[FloatArray, FloatArray, IntArray]:
+    def snapshot(self) -> LevelSnapshot:
         """All that is known; nothing is copied, since nothing changes in place."""
-        return self._engine.x, self._engine.P, self._used_ns
+        return self._engine.x, self._engine.P, self._used_ns, self._silent_s
 
-    def restore(self, snapshot: tuple[FloatArray, FloatArray, IntArray]) -> None:
+    def restore(self, snapshot: LevelSnapshot) -> None:
         """Go back to what was known."""
         self._lean = None
         self._engine.restore(snapshot[0], snapshot[1])
-        self._used_ns = snapshot[2]
+        self._used_ns, self._silent_s = snapshot[2:]
