@@ -1,4 +1,4 @@
-"""A bench for height estimators without a world: vertical motion as by hand, real sensor classes, faults, and scores."""
+"""A bench for height estimators without a world: motion as by hand, real sensor classes, faults, and scores."""
 
 from __future__ import annotations
 
@@ -203,11 +203,15 @@ def drive(
             said[name].append(estimator.estimate(t_ns))
     t_s, height, rising = np.array(truth).T
     fixed = np.array([each[0] for each in fixes]), np.array([each[1] for each in fixes])
-    return {name: _result(estimators[name], said[name], t_s, height, rising, fixed) for name in estimators}
+    return {
+        name: _result(estimators[name], said=said[name], t_s=t_s, height=height, rising=rising, fixed=fixed)
+        for name in estimators
+    }
 
 
 def _result(
     estimator: Estimator,
+    *,
     said: list[Any],
     t_s: FloatArray,
     height: FloatArray,

@@ -134,7 +134,7 @@ class HeightFilter:
         """What the branches are at."""
         self._waiting: list[FixReading] = []
         self._done: deque[tuple[int, Snapshot, FixReading]] = deque()
-        """Samples of the last moments, and what was known, and at which time, before each."""
+        """Samples of the last moments; before each, the time up to which all was taken in, and what was known then."""
         self._reference_now: tuple[int, FloatArray, FloatArray] | None = None
         self._nis: dict[str, FloatArray] = {}
         nis = ("nis_fix", *(() if self._receiver.speed is None else ("nis_vertical_speed",)))
@@ -203,8 +203,9 @@ class HeightFilter:
                 self._done.remove(done)
             again += [done[2] for done in later]
         for each in again:
+            begin_ns = each.t_ns if self._now_ns is None else self._now_ns
+            self._done.append((begin_ns, self.branches.snapshot(), each))
             self._advance(each.t_ns)
-            self._done.append((each.t_ns, self.branches.snapshot(), each))
             self._hear(each)
             if each is reading:
                 self._nis = dict(self.branches.nis)

@@ -13,7 +13,7 @@ from twin.signals import BoolArray, FloatArray, IntArray
 GAIN_V, GAIN_H, FORWARD_V, FORWARD_H, LEFT_V, LEFT_H, Q_VV, Q_HV, Q_HH, EAST, NORTH, COSINE, SINE = range(13)
 """Rows of what :func:`compose` gives."""
 SUMS = 13
-TILT, OFFSET, OFFSET_SIGMA, BY_OFFSET, REST, CURVATURE, LEAN = 0, 2, 4, 6, 8, 10, 11
+TILT, OFFSET, OFFSET_SIGMA, BY_OFFSET, REST, LASTING, CURVATURE, LEAN = 0, 2, 4, 6, 8, 10, 12, 13
 """Rows of what is known of a tilt, forwards and to the left each, and their number."""
 
 
@@ -79,7 +79,7 @@ def rise(  # noqa: PLR0917 - compiled functions are called by position
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Height and velocity a span after a state x (n, R), (2, R), their Jacobian (2, n, R), and a density (R,).
 
-    ``leak`` and ``tilt`` are the places of these states, or -1. ``lean`` (11, R) is what is known of the tilt: see
+    ``leak`` and ``tilt`` are the places of these states, or -1. ``lean`` (13, R) is what is known of the tilt: see
     :class:`twin.estimators.height_filter_tilt.LevelFilter`. The density is that of what it leaves.
     """
     n, runs = x.shape
@@ -108,7 +108,10 @@ def rise(  # noqa: PLR0917 - compiled functions are called by position
                 rows[1, tilt + side, m] = sigma * (t * span_s - by_offset * true_v)
                 rows[0, tilt + side, m] = sigma * (t * half - by_offset * true_h)
                 if span_s > 0.0:
-                    density[m] += lean[REST + side, m] * (true_v / span_s) ** 2
+                    rest, lasting_s = lean[REST + side, m], lean[LASTING + side, m]
+                    # up to two standard deviations it may be the rest itself that is felt, not acceleration
+                    square = max((true_v / span_s) ** 2 - 4.0 * gravity * gravity * rest, 0.0)
+                    density[m] += lasting_s * (2.0 * rest * square + 0.5 * (gravity * rest) ** 2)
         mean[0, m], mean[1, m] = h, v
     return mean, rows, density
 

@@ -90,7 +90,7 @@ class SpanMotion:
         self.sums: FloatArray = np.zeros((SUMS, runs))
         """(13, R), of the span to come."""
         self.lean: FloatArray = np.zeros((LEAN, runs))
-        """(11, R) what is known of the tilt."""
+        """(13, R) what is known of the tilt."""
         self.coarse_s: FloatArray = np.full(runs, 100.0)
         """(R,) correlation time of the coarse positions' error."""
         self._errors = dict(errors)

@@ -12,8 +12,12 @@ within seconds: more than all else that an accelerometer of this class gets wron
 
 The filter's state is t_f, t_l (Gauss-Markov), b_f, b_l (constant), the velocities v_e, v_n, and the heading's error, a
 turn of the level acceleration that looks like a tilt when the machine turns. It knows g t - b well and
-either of the two badly, so that what is left in a is an error of b: a constant that acts with t - (dt/db) a_f, and the
-rest of t, whose effect is taken for white noise.
+either of the two badly. With errors dt and db of what it knows, and A_f as it is, the solution above is short by
+
+    -a_f dt + t db + g dt^2 / 2
+
+with the true a_f, which has nothing to do with dt. So what is left in a is an error of b, a constant that acts with
+t - (dt/db) a_f; the rest of dt, whose effect is taken for white noise; and the mean of the last term.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from twin.estimators.height_filter_kernels import (
     COSINE,
     CURVATURE,
     EAST,
+    LASTING,
     LEAN,
     NORTH,
     OFFSET,
@@ -169,11 +174,10 @@ class LevelFilter:
         self._silent_s = np.where(kept, 0.0, self._silent_s)
 
     def lean(self) -> FloatArray:
-        """(11, R) what is known of tilts now.
+        """(13, R) what is known of tilts now.
 
-        Two rows each, forwards and to the left: tilt t; offset b; its standard deviation; dt/db; for every (m/s^2)^2 of
-        true level acceleration the density of what the rest of t does. Then one: what their covariance adds to the
-        mean acceleration upwards.
+        Two rows each, forwards and to the left: tilt t; offset b; its standard deviation; dt/db; variance of the rest
+        of t; for how long that lasts (s). Then one: what the tilts' variance adds to the mean acceleration upwards.
         """
         if self._lean is not None:
             return self._lean
@@ -188,8 +192,8 @@ class LevelFilter:
             lean[OFFSET_SIGMA + side], lean[BY_OFFSET + side] = np.sqrt(offset), both / offset
             # the better it is followed, the sooner it is another
             lasting_s = self._tilt.correlation_s * np.minimum(rest / self._tilt.sigma**2, 1.0)
-            lean[REST + side] = 2.0 * rest * lasting_s
-            lean[CURVATURE] += both - 0.5 * _G * tilt
+            lean[REST + side], lean[LASTING + side] = rest, lasting_s
+            lean[CURVATURE] += 0.5 * _G * tilt
         self._lean = lean
         return lean
 
