@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from twin.compiled import compiled
 from twin.signals import FloatArray
-from twin.world.spoil import draw, even_out, lay, neighbours, overflow, slump
+from twin.world.spoil import draw, even_out, lay, neighbours, overflow, slump, wider
 
 # Columns of an edge: its middle, the horizontal unit vector to its left end, height of the middle, rise per metre left.
 X, Y, LEFT_X, LEFT_Y, Z, RISE = range(6)
@@ -25,6 +25,11 @@ HALF_WIDTH, TAN_REPOSE, CAPACITY_M2, EVENING_M, RESISTANCE_PA, LOAD_N_M3, BASE_N
 # Where the soil went, m^3; cut cross-section and share of the edge in the ground, both over SMOOTHING_M; draught.
 CUT, FILLED, SPILLED, SECTION_M2, CONTACT, DRAUGHT_N = range(6)
 TOTALS = 6
+
+_FILM_M = 1e-4
+"""Less soil moved than this does not count as contact with the edge."""
+_WINDROW_M = 0.5
+"""Where soil that falls past an end may slide: as far as a windrow 0.3 m high reaches."""
 
 
 @compiled
@@ -86,8 +91,7 @@ def sweep(
     half, tangent, area = figures[HALF_WIDTH], figures[TAN_REPOSE], cell * cell
     bin_m = 2.0 * half / load.shape[0]
     i0, i1, j0, j1 = _window(before, after, half + cell, heights.shape, west, south, cell)
-    passed = touched = 0
-    section, thickest = 0.0, 0.0
+    section = worked = thickest = 0.0
     for j in range(j0, j1 + 1):
         y = south + j * cell
         for i in range(i0, i1 + 1):
@@ -103,7 +107,6 @@ def sweep(
             edge = (1.0 - share) * (before[Z] + left * before[RISE]) + share * (after[Z] + left * after[RISE])
             k, upper = neighbours(left, half, bin_m, load.shape[0])
             gap = edge - heights[j, i]
-            passed += 1
             if gap < 0.0:
                 volume = -gap * cover * area
                 totals[CUT] += volume
@@ -116,20 +119,18 @@ def sweep(
                     draw(load, k, (1.0 - upper) * cover * area, gap, 2.0 * tangent / bin_m)
                     + draw(load, k + 1, upper * cover * area, gap, 2.0 * tangent / bin_m)
                 )  # fmt: skip
-                if volume <= 0.0:
-                    continue
                 totals[FILLED] += volume
                 heights[j, i] += volume / area
                 thickest = max(thickest, volume / area)
-            touched += 1
-            changed[j, i] = True
+            if volume > _FILM_M * area:
+                worked += cover * area
+            changed[j, i] |= volume > 0.0
     if thickest > tangent * cell:
-        slump(heights, changed, (i0, i1, j0, j1), tangent * cell)
+        slump(heights, changed, wider((i0, i1, j0, j1), thickest / tangent / cell, heights.shape), tangent * cell)
     step = max(advance_m(before, after, half), 1e-9)
     fresh = 1.0 - math.exp(-step / figures[SMOOTHING_M])
     totals[SECTION_M2] += fresh * (section / step - totals[SECTION_M2])
-    if passed > 0:
-        totals[CONTACT] += fresh * (touched / passed - totals[CONTACT])
+    totals[CONTACT] += fresh * (worked / (2.0 * half * step) - totals[CONTACT])
 
 
 @compiled
@@ -146,9 +147,7 @@ def spill(
         x = edge[X] + left * edge[LEFT_X] - back * edge[LEFT_Y]
         y = edge[Y] + left * edge[LEFT_Y] + back * edge[LEFT_X]
         i, j = lay(heights, changed, west, south, cell, x, y, volume)
-        reach = 2 + math.ceil(0.5 / cell)
-        rows, columns = heights.shape
-        window = max(i - reach, 0), min(i + 1 + reach, columns - 1), max(j - reach, 0), min(j + 1 + reach, rows - 1)
+        window = wider((i, i + 1, j, j + 1), _WINDROW_M / cell, heights.shape)
         slump(heights, changed, window, figures[TAN_REPOSE] * cell)
         totals[SPILLED] += volume
 

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from twin.compiled import compiled
 from twin.signals import FloatArray
 
-_SLUMPS = 4
-"""Passes over a window in which soil slides down to the angle of repose; the next strip's window overlaps it."""
+_MOST_SLUMPS = 40
+"""Passes over a window in which soil slides down; the next strip's window overlaps it."""
+_STILL = 0.02
+"""Share of the steepest rise by which soil may stand steeper and stay."""
 
 
 @compiled
@@ -35,12 +37,23 @@ def draw(load: FloatArray, k: int, area: float, gap: float, steepness: float) ->
 
 
 @compiled
+def wider(
+    window: tuple[int, int, int, int], nodes: float, shape: tuple[int, int]
+) -> tuple[int, int, int, int]:  # fmt: skip
+    """Window (first and last column, first and last row) with more nodes around it, as far as the grid goes."""
+    i0, i1, j0, j1 = window
+    more = 2 + math.ceil(nodes)
+    return max(i0 - more, 0), min(i1 + more, shape[1] - 1), max(j0 - more, 0), min(j1 + more, shape[0] - 1)
+
+
+@compiled
 def slump(
     heights: FloatArray, changed: NDArray[np.bool_], window: tuple[int, int, int, int], steepest_m: float
 ) -> None:
     """Let soil slide from node to node until it nowhere rises by more than ``steepest_m`` per cell."""
     i0, i1, j0, j1 = window
-    for _ in range(_SLUMPS):
+    for _ in range(_MOST_SLUMPS):
+        still = True
         for j in range(j0, j1 + 1):
             for i in range(i0, i1 + 1):
                 for dj, di in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -49,11 +62,14 @@ def slump(
                         continue
                     drop = heights[j, i] - heights[jj, ii]
                     excess = abs(drop) - steepest_m * math.sqrt(dj * dj + di * di)
-                    if excess > 0.0:
+                    if excess > _STILL * steepest_m:
+                        still = False
                         moved = math.copysign(0.5 * excess, drop)
                         heights[j, i] -= moved
                         heights[jj, ii] += moved
                         changed[j, i] = changed[jj, ii] = True
+        if still:
+            return
 
 
 @compiled
