@@ -50,7 +50,7 @@ def draw_states(run: Run, sheet: Sheet) -> None:
     _draw_segments(run, sheet)
     _draw_field(run, sheet)
     # Whether a machine in a lane turns is told by its driver's state.
-    if run.truth is not None and run.truth.has(YAW_RATE) and not run.keeps_lane:
+    if run.truth is not None and run.truth.has(YAW_RATE) and not run.keeps_lane and not run.scene.bench:
         turning = np.abs(run.column(run.truth, YAW_RATE)) > TURNING_RAD_S
         styles = {0.0: ("straight", entities.CALM_COLOUR), 1.0: ("turning", entities.TURN_COLOUR)}
         _draw_lane(sheet, "turning", run.truth.t_ns, turning.astype(float), styles)
