@@ -111,6 +111,8 @@ class FieldChanges:
             (self.row >= tile.rows.start) & (self.row < tile.rows.stop)
             & (self.column >= tile.columns.start) & (self.column < tile.columns.stop)
         )  # fmt: skip
+        if not len(own):
+            return
         times, begins = np.unique(self.t_ns[own], return_index=True)
         for t_ns, changed in zip(times.tolist(), np.split(own, begins[1:]), strict=True):
             rows, columns = self.row[changed] - tile.rows.start, self.column[changed] - tile.columns.start

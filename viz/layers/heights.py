@@ -61,7 +61,7 @@ def _draw_heights(run: Run, sheet: Sheet, truth: Stream) -> None:
     keep = thin(truth.t_ns, PLOT_HZ)
     entity = entities.plot(_HEIGHTS, entities.TRUTH_SERIES)
     sheet.line(entity, truth.t_ns[keep], true_mm[keep], entities.TRUTH_COLOUR, width=2.0, within=within)
-    sheet.panel(PanelKind.PLOT, entities.plot(_HEIGHTS), "Height above design plane, ours ±1σ [mm]")
+    sheet.panel(PanelKind.PLOT, entities.plot(_HEIGHTS), "Height above design plane, with ±1σ [mm]")
 
 
 def _draw_errors(run: Run, sheet: Sheet) -> None:
@@ -81,7 +81,7 @@ def _draw_errors(run: Run, sheet: Sheet) -> None:
             sheet.band(entity, stream.t_ns[keep], np.zeros(len(keep)), MM * sigma[keep], colour)
     if drawn:
         _draw_limits(run, sheet, _ERRORS)
-    sheet.panel(PanelKind.PLOT, entities.plot(_ERRORS), "Height error, ours claims ±1σ [mm]")
+    sheet.panel(PanelKind.PLOT, entities.plot(_ERRORS), "Height error, with claimed ±1σ [mm]")
 
 
 def _claimed(run: Run, name: str, stream: Stream) -> FloatArray | None:

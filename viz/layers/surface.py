@@ -12,7 +12,7 @@ from viz.levelled import FieldChanges, LevelledField, Tile, levelled_field
 from viz.relief import FULL_M, TICKS_M, packed_colours
 from viz.sheet import Run, Sheet
 
-_OUTLINE_LIFT_M = 0.12
+_OUTLINE, _OUTLINE_LIFT_M = (60, 60, 60), 0.12
 _BAR_CELLS = 40
 _SIDE, _HEIGHT, _WIDTH, _TOP = 0.60, 0.62, 0.045, 0.98
 """Of the legend: how far to the left, how high and wide, and where its top is, in half heights of the picture."""
@@ -35,7 +35,7 @@ def draw_surface(run: Run, sheet: Sheet) -> None:
     corners = [(west, south), (east, south), (east, north), (west, north), (west, south)]
     up = scene.levelling.design_height_m + _OUTLINE_LIFT_M
     strip = np.column_stack([corners, np.full(5, up)])
-    colour = entities.PLANNED_COLOUR
+    colour = _OUTLINE
     sheet.static(entities.AREA, rr.LineStrips3D([strip], colors=[colour], radii=rr.Radius.ui_points(1.0)))
     _draw_legend(run, sheet)
 
@@ -79,7 +79,8 @@ def _draw_legend(run: Run, sheet: Sheet) -> None:
     above = np.cross(right, look)
     distance = _NEAR * float(np.linalg.norm(target - eye))
     half = distance * float(np.tan(_HALF_VIEW_RAD))
-    top = eye + distance * look + half * (_TOP * above - _SIDE * right) - track[0]
+    # A camera that follows something looks at it, whatever it was told to look at.
+    top = eye - target + distance * look + half * (_TOP * above - _SIDE * right)
     share = np.linspace(0.0, 1.0, _BAR_CELLS + 1)
     heights = FULL_M * (1.0 - 2.0 * (share[:-1] + 0.5 / _BAR_CELLS))
     # each cell has its own corners, so that the step at 30 mm is not blurred
