@@ -75,7 +75,7 @@ class Members(SensorRack):
         kept = self.sensors if keep_measurements else {}
         self._measured = {name: StreamWriter(sensor.columns, len(runs)) for name, sensor in kept.items()}
         self._hidden = {name: StreamWriter(sensor.hidden_columns, len(runs)) for name, sensor in kept.items()}
-        self._inbox = Inbox(scenario.driver.listens.sensors)
+        self._inbox = Inbox(scenario.listens.sensors)
         self._pictures: dict[str, list[EncodedPicture]] = {}
         self.events: list[Event] = []
         """Faults that began or ended."""
@@ -142,7 +142,7 @@ class Members(SensorRack):
 
 
 class Inbox:
-    """Samples of some sensors on their way to the driver."""
+    """Samples of some sensors on their way to the driver and the implement's controller."""
 
     def __init__(self, sensors: Sequence[str]) -> None:
         self._under_way: dict[str, list[Measurement]] = {name: [] for name in sensors}
@@ -169,19 +169,20 @@ class Inbox:
 def require_columns(
     scenario: Scenario, estimates: Mapping[str, Sequence[str]], measurements: Mapping[str, Sequence[str]]
 ) -> None:
-    """Refuse a driver whose estimators or sensors do not give what it needs.
+    """Refuse a driver or a controller whose estimators or sensors do not give what it needs.
 
     Raises:
         BadInputError: naming the column.
     """
     given = {**estimates, **measurements}
-    for name, columns in scenario.driver.needed_columns.items():
-        missing = [column for column in columns if column not in given[name]]
-        if missing:
-            raise BadInputError(
-                f"driver: {name!r} gives no {', '.join(missing)}, which a driver of kind {scenario.driver.kind!r}"
-                f" needs; it gives {', '.join(given[name])}"
-            )
+    for section, controller in scenario.controllers.items():
+        for name, columns in controller.needed_columns.items():
+            missing = [column for column in columns if column not in given[name]]
+            if missing:
+                raise BadInputError(
+                    f"{section}: {name!r} gives no {', '.join(missing)}, which kind {controller.kind!r} needs; it gives"
+                    f" {', '.join(given[name])}"
+                )
 
 
 class SideBySide:

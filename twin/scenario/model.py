@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, Strict, field_validator, model_validator
 
 from twin import paths
 from twin.config import Config, Names, NonNegative, Positive, Probability
-from twin.control import DriverConfigUnion, PathDriverConfig
+from twin.control import DriverConfigUnion, ImplementConfigUnion, PathDriverConfig, ReciprocationConfig
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
+from twin.families import LIMITED
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
-from twin.signals import JointNeed
+from twin.signals import JointNeed, Listening
 from twin.validation import did_you_mean
 from twin.world import (
     LevellingConfig,
@@ -114,14 +115,27 @@ class ScoringConfig(Config):
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     causal_bound_of: str | None = None
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
-    limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
+    limits: Annotated[dict[str, Positive], Field(json_schema_extra={"propertyNames": {"enum": list(LIMITED)}})] = Field(
+        default_factory=dict
+    )
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
+    fixes_of: str | None = None
+    """GNSS receiver whose first true fix after the loss begins the time of recovery: ``height.recovery_s`` and others;
+    without it they are not told."""
     smallest_ramp_m_s: Positive | None = None
     """Change of speed from which on reaction time and lag are measured, ``speed.reaction_accelerating_s`` and others;
     without it they are not."""
     reference: str | None = None
     """Estimator from which the others' difference is measured too, ``row_speed.mean_abs_difference_m_s``: what a paper
     without a truth took for it."""
+
+    @field_validator("limits")
+    @classmethod
+    def _families_that_may_be_limited(cls, value: dict[str, float]) -> dict[str, float]:
+        for name in value:
+            if name not in LIMITED:
+                raise ValueError(unknown(name, LIMITED, "family"))
+        return value
 
 
 class RecordingConfig(Config):
@@ -168,6 +182,8 @@ class Scenario(Config):
     """The design plane, above which heights are told, and the area whose flatness counts."""
     machine: MachineConfig
     driver: DriverConfigUnion
+    implement: ImplementConfigUnion | None = None
+    """Who holds the implement; without it, it stays where it is."""
     sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
@@ -203,25 +219,42 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        return self
+
+    @model_validator(mode="after")
+    def _scored_and_drawn_exist(self) -> Self:
         named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
         named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of")}
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
+        receivers = [name for name, sensor in self.sensors.items() if sensor.kind == "gnss"]
+        if self.scoring.fixes_of is not None and self.scoring.fixes_of not in receivers:
+            raise ValueError(f"scoring.fixes_of: {unknown(self.scoring.fixes_of, receivers, 'GNSS receiver')}")
         return self
 
     @model_validator(mode="after")
-    def _driver_hears(self) -> Self:
-        listens = self.driver.listens
-        heard: dict[str, tuple[Mapping[str, Any], tuple[str, ...]]] = {
-            "estimator": (self.estimators, listens.estimators),
-            "sensor": (self.sensors, listens.sensors),
-        }
-        for what, (known, names) in heard.items():
-            for key, name in self.driver.model_dump(include={"follows", "odometer", "camera"}).items():
-                if name in names and name not in known:
-                    raise ValueError(f"driver.{key}: {unknown(name, known, what)}")
+    def _controllers_hear(self) -> Self:
+        for section, controller in self.controllers.items():
+            heard: dict[str, tuple[Mapping[str, Any], tuple[str, ...]]] = {
+                "estimator": (self.estimators, controller.listens.estimators),
+                "sensor": (self.sensors, controller.listens.sensors),
+            }
+            for what, (known, names) in heard.items():
+                for key, name in controller.model_dump(include={"follows", "odometer", "camera"}).items():
+                    if name in names and name not in known:
+                        raise ValueError(f"{section}.{key}: {unknown(name, known, what)}")
         return self
+
+    @property
+    def controllers(self) -> dict[str, DriverConfigUnion | ImplementConfigUnion]:
+        """Who commands the machine, by the name of the section."""
+        return {"driver": self.driver} | ({} if self.implement is None else {"implement": self.implement})
+
+    @property
+    def listens(self) -> Listening:
+        """Whom driver and implement listen to together."""
+        return self.driver.listens if self.implement is None else self.driver.listens | self.implement.listens
 
     @model_validator(mode="after")
     def _machine_can(self) -> Self:
@@ -231,7 +264,16 @@ class Scenario(Config):
                 raise ValueError(f"{key}: machine {self.machine.kind} has no rows")
         if self.scoring.smallest_ramp_m_s is not None and not isinstance(self.driver, PathDriverConfig):
             raise ValueError("scoring.smallest_ramp_m_s: only the speed of a driver of kind 'path' is known beforehand")
-        if self.machine.turns_on_the_spot:
+        if self.implement is not None and not self.machine.lifts:
+            raise ValueError(f"implement: a {self.machine.kind} has no implement that could be lifted")
+        return self
+
+    @model_validator(mode="after")
+    def _driver_can(self) -> Self:
+        if self.machine.fixed != isinstance(self.driver, ReciprocationConfig):
+            wants = "is a bench: its driver is of kind 'reciprocation'" if self.machine.fixed else "is no bench"
+            raise ValueError(f"driver.kind: a {self.machine.kind} {wants}; given was {self.driver.kind!r}")
+        if self.machine.turns_on_the_spot or self.machine.fixed:
             return self
         if not isinstance(self.driver, PathDriverConfig):
             kind = self.driver.kind

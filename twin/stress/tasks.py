@@ -21,8 +21,9 @@ from twin.scoring import bus
 from twin.scoring.checks import require_known
 from twin.scoring.consistency import NIS_PREFIX
 from twin.scoring.envelopes import Envelope
-from twin.scoring.metrics import Scorer, metric_names
+from twin.scoring.metrics import metric_names
 from twin.scoring.motion import motion_metrics
+from twin.scoring.scorer import Scorer
 from twin.signals import COLLISION, NS_PER_S, FloatArray, IntArray, nanoseconds
 from twin.stress.plan import Plan
 
@@ -60,7 +61,7 @@ def run_task(plan: Plan, point: int, world: int) -> TaskResult:
         BadInputError: the scenario cannot be built, or a check names a metric that will not exist.
     """
     loaded = plan.load(point, world)
-    if loaded.scenario.driver.listens.closes_loop:
+    if loaded.scenario.listens.closes_loop:
         return _each_for_itself(loaded, plan)
     return _over_one_truth(loaded, plan)
 
