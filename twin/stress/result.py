@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from twin.families import FAMILIES
 from twin.scenario import LoadedScenario
 from twin.scoring.checks import Outcome
 from twin.scoring.consistency import nis_degrees
@@ -190,28 +191,33 @@ def _consistency(tasks: list[TaskResult]) -> dict[str, list[Consistency]]:
 
 def headline_metrics(loaded: LoadedScenario, names: list[str]) -> list[str]:
     """Metrics shown of each estimator: those published or checked, and the largest errors in or without a loss."""
-    lossy = loaded.scenario.loss_window_s is not None
-    phase = "_loss" if lossy else ""
-    wanted = [f"row_speed.mean_abs_error{phase}_m_s", f"row_speed.max_abs_error{phase}_m_s"]
-    wanted += [f"row_position.max_error{phase}_m", f"position.max_error{phase}_m"]
-    wanted += ["seeds.mean_abs_population_error_turns_percent", f"seeds.quality_of_feed{phase}_percent"]
+    phase = _worst_phase(loaded)
+    wanted = {"seeds.mean_abs_population_error_turns_percent", f"seeds.quality_of_feed{phase}_percent"}
+    for family in FAMILIES:
+        wanted |= {family.metric(figure, phase) for figure in family.shown_of_many}
+        wanted.add(family.time_to_limit)
+        if family.tolerance is not None:
+            wanted |= {family.time_to_tolerance, family.jump, family.recovery}
     asked = {check.metric for check in loaded.scenario.checks} | set(loaded.scenario.published)
-    return [
-        name for name in names if name in asked or name.partition(".")[2] in wanted or name.endswith("time_to_limit_s")
-    ]
+    return [name for name in names if name in asked or name.partition(".")[2] in wanted]
+
+
+def _worst_phase(loaded: LoadedScenario) -> str:
+    """The phase that counts: the loss if there is one."""
+    return "_loss" if loaded.scenario.loss_window_s is not None else ""
 
 
 def _worst_members(
     loaded: LoadedScenario, plan: Plan, settings: Mapping[str, Any], table: Mapping[str, FloatArray]
 ) -> list[Worst]:
-    """The worst members of each estimator by its first headline metric that grows with the error."""
+    """The worst members of each estimator by the figure of its first family that has one."""
     worst: list[Worst] = []
     seen: set[str] = set()
-    phase = "_loss" if loaded.scenario.loss_window_s is not None else ""
-    for family in ("row_position.max_error{}_m", "position.max_error{}_m", "row_speed.max_abs_error{}_m_s"):
+    judging = sorted((family for family in FAMILIES if family.worst), key=lambda family: family.worst_rank)
+    for wanted in [family.metric(family.worst, _worst_phase(loaded)) for family in judging]:
         for name, values in table.items():
             estimator, _, metric = name.partition(".")
-            if metric != family.format(phase) or estimator in seen:
+            if metric != wanted or estimator in seen:
                 continue
             seen.add(estimator)
             order = np.argsort(-np.nan_to_num(values, nan=-1.0), axis=None, kind="stable")[:_WORST]

@@ -21,8 +21,9 @@ from twin.scoring import bus
 from twin.scoring.checks import require_known
 from twin.scoring.consistency import NIS_PREFIX
 from twin.scoring.envelopes import Envelope
-from twin.scoring.metrics import Scorer, metric_names
+from twin.scoring.metrics import metric_names
 from twin.scoring.motion import motion_metrics
+from twin.scoring.scorer import Scorer
 from twin.signals import COLLISION, NS_PER_S, FloatArray, IntArray, nanoseconds
 from twin.stress.plan import Plan
 
