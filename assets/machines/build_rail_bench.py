@@ -55,7 +55,7 @@ def rail_visuals() -> list[str]:
             rod("dark", 0.035, 0.03, (0, y, MIDDLE + stop)), rod("dark", 0.035, 0.03, (0, y, MIDDLE - stop)),
             box("frame", (0.14, 0.05, 0.05), (-0.06, y, HIGH)), box("frame", (0.14, 0.05, 0.05), (-0.06, y, LOW)),
             box("frame", (0.62, 0.06, 0.06), (0, side * 0.29, 0.06)),
-            box("frame", (0.70, 0.05, 0.05), (-0.36 + 0.10, side * 0.29, 0.30), (0, -0.85, 0)),
+            box("frame", (0.40, 0.05, 0.05), (-0.21, side * 0.29, 0.25), (0, -1.10, 0)),
         ]  # fmt: skip
     return parts
 

@@ -26,10 +26,12 @@ COLOURS = {
 
 FRONT, REAR = (0.325, 0.09), (0.475, 0.11)
 """Radius and width of the wheels."""
-WHEELBASE, TRACK = 1.05, 1.20
+WHEELBASE, TRACK = 1.10, 1.20
 AXLE_HEIGHT = REAR[0] - 0.0115  # static deflection of the rear wheels
 FRONT_Z = FRONT[0] - 0.009 - AXLE_HEIGHT
-BLADE_X = -1.15
+BLADE_X = -0.80
+GUIDE_X = -0.52
+"""Guide of the lift, behind the rear axle."""
 BLADE_WIDTH, BLADE_HEIGHT = 2.4, 0.35
 LOWEST, HIGHEST = -0.20, 0.40
 MAST = 2.0
@@ -110,17 +112,17 @@ def chassis_visuals() -> list[str]:
         *(box("steel", (0.05, 0.30, 0.05), (-0.25, 0.44 * side, 0.50)) for side in (1, -1)),
         rod("amber", 0.045, 0.12, (-0.32, 0.26, 1.03)), rod("steel", 0.012, 0.30, (-0.32, 0.26, 0.86)),
         # the guide of the lift: two posts behind the axle, braced to the frame, and the cylinder
-        *(box("dark", (0.06, 0.07, 1.00), (-0.62, 0.22 * side, 0.10)) for side in (1, -1)),
-        box("dark", (0.06, 0.52, 0.07), (-0.62, 0, 0.60)), box("dark", (0.06, 0.52, 0.07), (-0.62, 0, -0.36)),
-        *(box("dark", (0.40, 0.05, 0.06), (-0.45, 0.22 * side, -0.06)) for side in (1, -1)),
-        rod("steel", 0.035, 0.50, (-0.62, 0, 0.32)),
+        *(box("dark", (0.06, 0.07, 1.00), (GUIDE_X, 0.22 * side, 0.10)) for side in (1, -1)),
+        box("dark", (0.06, 0.52, 0.07), (GUIDE_X, 0, 0.60)), box("dark", (0.06, 0.52, 0.07), (GUIDE_X, 0, -0.36)),
+        *(box("dark", (0.34, 0.05, 0.06), (-0.38, 0.22 * side, -0.06)) for side in (1, -1)),
+        rod("steel", 0.035, 0.50, (GUIDE_X, 0, 0.32)),
         box("sensor", (0.10, 0.08, 0.05), (0.35, 0.0, 0.085)),
     ]  # fmt: skip
 
 
 def scraper_visuals() -> list[str]:
     """The frame's origin is the middle of the edge."""
-    slide_x = -0.62 - BLADE_X
+    slide_x = GUIDE_X - BLADE_X
     low = AXLE_HEIGHT - 0.30
     return [
         mesh("blade", "blade"), mesh("blade", "end_plates"),
@@ -129,7 +131,7 @@ def scraper_visuals() -> list[str]:
         *(box("blade", (0.08, 0.03, 0.28), (-0.06, y, 0.17)) for y in (-0.9, -0.45, 0.45, 0.9)),
         # carriage on the guide, arms to the blade
         *(box("blade", (0.11, 0.10, 0.34), (slide_x, 0.22 * side, low + 0.12)) for side in (1, -1)),
-        *(box("blade", (0.58, 0.06, 0.08), (0.5 * slide_x, 0.22 * side, low + 0.10)) for side in (1, -1)),
+        *(box("blade", (slide_x + 0.12, 0.06, 0.08), (0.5 * slide_x, 0.22 * side, low + 0.10)) for side in (1, -1)),
         *(box("blade", (0.07, 0.06, 0.16), (-0.06, 0.22 * side, low + 0.06)) for side in (1, -1)),
         box("steel", (0.06, 0.44, 0.06), (slide_x, 0, low + 0.02)), rod("edge", 0.02, 0.40, (slide_x, 0, low + 0.22)),
         # mast: AHRS, laser receiver, antenna
@@ -145,8 +147,8 @@ def main() -> None:
     build = Builder("scraper", COLOURS)
     # 705 kg in all: chassis with driver 430, front axle 25, knuckles 2 x 8, front wheels 2 x 20, rear wheels 2 x 32,
     # scraper 130. The chassis' centre of mass puts 40 % on the front axle:
-    # x = (0.4 x 705 x 1.05 - 81 x 1.05 + 130 x 1.16) / 430 = 0.841 m.
-    build.link("chassis", 430, (0.841, 0, 0.20), (85, 230, 235), chassis_visuals())
+    # x = (0.4 x 705 x 1.10 - 81 x 1.10 + 130 x 0.81) / 430 = 0.759 m.
+    build.link("chassis", 430, (0.759, 0, 0.20), (85, 230, 235), chassis_visuals())
     build.link(
         "front_axle",
         25,

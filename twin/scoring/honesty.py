@@ -68,6 +68,12 @@ class Honesty:
     members: IntArray
     """(2,): members that claim a sigma after the loss, and those of them that recovered in time."""
 
+    def copy(self) -> Honesty:
+        """The same, that may be added to."""
+        return Honesty(
+            family=self.family, counts=self.counts.copy(), sums=self.sums.copy(), members=self.members.copy()
+        )
+
     def merge(self, other: Honesty) -> None:
         """Add what was counted of other members."""
         self.counts += other.counts

@@ -43,6 +43,8 @@ class Wheel:
     grip: float = 1.0
     """Share of the soil's slip stiffness and friction that it finds: a ball in a socket, which may turn any way, finds
     little."""
+    sunk_m: float = 0.0
+    """How deep it stands in soft ground, besides its own deflection: the ground under a longer chord carries it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,15 +2,20 @@
 
 The paper's platform is a "paddy field leveling machine powered by the Yanmar rice transplanter (2ZGQ-60D)", with GNSS
 receiver, AHRS and laser receiver above the scraper, driven at 1 m/s. It states neither masses nor dimensions. All
-figures here are choices in the class of six-row riding transplanters: 705 kg with driver and scraper, wheelbase 1.05 m,
+figures here are choices in the class of six-row riding transplanters: 705 kg with driver and scraper, wheelbase 1.10 m,
 track 1.20 m, narrow paddy wheels of 0.65 m and 0.95 m diameter, all driven (40 % of weight and force on the front
-axle, which swings about a pivot), front steering to 40 degrees. Rubber hoops with bars are taken to be 150 and
-180 kN/m stiff with 1.5 kN s/m of damping; on them, the machine pitches at about 4 Hz with a third of the critical
-damping.
+axle, which swings about a pivot), front steering to 40 degrees. Wheel and soil together are 150 and 180 kN/m stiff with
+4 kN s/m of damping, most of it the soil's: the machine bounces at 4.9 Hz with 0.37 of the critical damping. The wheels
+stand 6 cm deep in the plough layer, so that chords of 0.42 m and 0.52 m carry them.
 
-Scraper: 2.4 m wide and 0.35 m high, its edge 1.15 m behind the rear axle, on a vertical slide. It has no tilt of its
-own: it rolls and pitches with the carrier. On its mast sit AHRS, laser receiver and antenna, which is 2 m above the
-edge. Zero of the slide has the edge on the ground that the wheels stand on.
+A blade behind both axles enlarges what the wheels do: with wheelbase L and the edge a behind the rear axle, its height
+is (1 + a/L) z_rear - (a/L) z_front. What it carves, the wheels ride on in the next pass, and where this gain times what
+the lift leaves of it is above one, passes make the field rougher. The edge therefore is as near to the wheels as they
+allow, a = 0.80 m.
+
+Scraper: 2.4 m wide and 0.35 m high, on a vertical slide. It has no tilt of its own: it rolls and pitches with the
+carrier. On its mast sit AHRS, laser receiver and antenna, which is 2 m above the edge. Zero of the slide has the edge
+on the ground that the wheels stand on.
 
 Lift: hydraulic cylinder behind a proportional valve, with 0.12 s of dead time, a lag of 0.08 s, 0.22 m/s upwards and
 0.25 m/s downwards, and a dead band of 5 mm/s. Published laser-controlled levellers lift at 0.1 to 0.3 m/s (from
@@ -37,10 +42,10 @@ from twin.world.machine import Actuation, BarConfig, Draught, MachineBaseConfig,
 from twin.world.tractor import TractorDrive, TractorSpec
 from twin.world.urdf import Urdf
 
-WHEELBASE_M = 1.05
+WHEELBASE_M = 1.10
 TRACK_M = 1.20
 MASS_KG = 705.0
-BLADE_X_M = -1.15
+BLADE_X_M = -0.80
 """Edge of the blade, from the rear axle."""
 BLADE_WIDTH_M = 2.4
 BLADE_HEIGHT_M = 0.35
@@ -49,12 +54,21 @@ MAST_M = 2.0
 MAST_X_M = -0.09
 """Mast, from the edge."""
 
+SUNK_M = 0.06
+"""How deep the wheels stand in the plough layer."""
+
 _FRONT, _REAR = ("front_wheel_left", "front_wheel_right"), ("rear_wheel_left", "rear_wheel_right")
 _FRONT_SHARE = 0.4
 
 WHEELS = (
-    *(Wheel(joint=joint, radius_m=0.325, width_m=0.09, stiffness_n_m=150e3, damping_n_s_m=1.5e3) for joint in _FRONT),
-    *(Wheel(joint=joint, radius_m=0.475, width_m=0.11, stiffness_n_m=180e3, damping_n_s_m=1.5e3) for joint in _REAR),
+    *(
+        Wheel(joint=joint, radius_m=0.325, width_m=0.09, stiffness_n_m=150e3, damping_n_s_m=4e3, sunk_m=SUNK_M)
+        for joint in _FRONT
+    ),
+    *(
+        Wheel(joint=joint, radius_m=0.475, width_m=0.11, stiffness_n_m=180e3, damping_n_s_m=4e3, sunk_m=SUNK_M)
+        for joint in _REAR
+    ),
 )
 
 DRIVE = TractorSpec(
@@ -133,7 +147,7 @@ class ScraperConfig(MachineBaseConfig):
         "ahrs": MountConfig(body="scraper", xyz_m=(MAST_X_M, 0.0, 1.00)),
         "laser": MountConfig(body="scraper", xyz_m=(MAST_X_M, 0.0, 1.62)),
         "chassis": MountConfig(body="chassis", xyz_m=(0.35, 0.0, 0.085)),
-        "lift": MountConfig(body="chassis", xyz_m=(-0.62, 0.0, 0.10)),
+        "lift": MountConfig(body="chassis", xyz_m=(-0.52, 0.0, 0.10)),
     }
     lifts: ClassVar = True
 
@@ -162,8 +176,8 @@ class ScraperConfig(MachineBaseConfig):
 
     @property
     def reach_m(self) -> float:
-        """The ends of the blade are the farthest from the middle of the rear axle, or the nose."""
-        return max(math.hypot(BLADE_X_M, 0.5 * BLADE_WIDTH_M), WHEELBASE_M + 0.75)
+        """The nose is the farthest from the middle of the rear axle."""
+        return WHEELBASE_M + 0.75
 
     @property
     def blade(self) -> BladeSpec:
