@@ -22,8 +22,9 @@ same names."""
 _LEAST_RANGE = 2e-3
 """Of a plot, in whatever unit it has."""
 _SKY = (184, 205, 224)
-_SOIL = (58, 46, 36)
 _NIGHT = (13, 16, 17)
+_LANES_HEAD, _LANE = 0.07, 0.048
+"""Share of the window's height that the title and the times above lanes take, and each lane."""
 _PICTURE_SHARE = 1.5
 """Height of a row with a picture where the field\'s is 3."""
 _WIDE = 1.2
@@ -66,7 +67,7 @@ def _maps(panels: Sequence[Panel], sheet: Sheet) -> list[rrb.View | rrb.Containe
     tabs: list[rrb.View | rrb.Container] = []
     for tab in dict.fromkeys(panel.tab for panel in panels):
         shared = [panel for panel in panels if panel.tab == tab]
-        views = [_map_view(panel, sheet, _SOIL) for panel in shared]
+        views = [_map_view(panel, sheet, entities.MAP_COLOUR) for panel in shared]
         (left, right), (top, bottom) = sheet.bounds[shared[0].origin]
         beside = rrb.Horizontal if right - left < _WIDE * (bottom - top) else rrb.Vertical
         tabs.append(beside(*views, name=tab) if len(views) > 1 else views[0])
@@ -74,9 +75,10 @@ def _maps(panels: Sequence[Panel], sheet: Sheet) -> list[rrb.View | rrb.Containe
 
 
 def _lanes_share(sheet: Sheet) -> float:
-    """Height of the lanes where the field's is 3: four lanes fit in 1."""
+    """Height of the lanes where the field's is 3: four lanes fit in 1, and eight in 2.5."""
     lanes = sum(entity.startswith(f"{entities.STATE}/") for entity in sheet.entities)
-    return min(max(1.0, lanes / 4.0), 2.0)
+    taken = _LANES_HEAD + _LANE * lanes
+    return min(max(1.0, 3.0 * taken / max(1.0 - taken, 0.1)), 2.5)
 
 
 def _root(panel: Panel) -> str:

@@ -222,6 +222,9 @@ PLANNED_COLOUR: Colour = (250, 225, 130)
 LIMIT_COLOUR: Colour = (205, 70, 70)
 """Of lines at a limit that is to be kept."""
 
+MAP_COLOUR: Colour = (58, 46, 36)
+"""Of the ground on maps."""
+
 CALM_COLOUR: Colour = (52, 60, 66)
 TURN_COLOUR: Colour = (140, 85, 165)
 FAULT_COLOUR: Colour = (190, 60, 60)

@@ -109,8 +109,8 @@ def terrain_mesh(
 
 
 def grid_spacing_m(scene: Scene) -> float:
-    """Distance of grid lines that suits the machine: ten metres, or one for a machine of less than two."""
-    return GRID_M if scene.scale > 1.0 / 3.0 else GRID_M / 10.0
+    """Distance of grid lines that suits the machine: ten metres, or one for a bench or a machine of less than two."""
+    return GRID_M if scene.scale > 1.0 / 3.0 and not scene.bench else GRID_M / 10.0
 
 
 def grid_lines(scene: Scene, window: Window, spacing_m: float = GRID_M) -> list[FloatArray]:

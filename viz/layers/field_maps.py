@@ -23,8 +23,9 @@ _INK = (225, 225, 225)
 _TICKS = 6
 """At most about so many along the longer side."""
 _STEPS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
-_LABEL, _BAR, _GAP = 0.07, 0.03, 0.03
-"""Room for labels of ticks, width of the scale of colours, and gaps, in longer sides of the map."""
+_LABEL, _BAR, _GAP, _DROP = 0.07, 0.03, 0.03, 0.022
+"""Room for labels of ticks, width of the scale of colours, gaps, and how far below its point the viewer writes a label
+in a window of 1600 x 900, in longer sides of the map."""
 _UNSEEN = rr.Radius.ui_points(0.0)
 
 
@@ -88,7 +89,7 @@ def _draw_axes(run: Run, sheet: Sheet, root: str, frame: _Frame) -> None:
     for east in _multiples(step, frame.field.east_m):
         x = frame.right(east)
         lines.append([(x, height), (x, height + tick)])
-        places.append((x, height + tick))
+        places.append((x, height + tick + _DROP * frame.unit))
         labels.append(f"{east:g}")
     for north in _multiples(step, frame.field.north_m):
         y = frame.down(north)
@@ -99,11 +100,13 @@ def _draw_axes(run: Run, sheet: Sheet, root: str, frame: _Frame) -> None:
     labels += ["east [m]", "north [m]"]
     style = rr.Radius.ui_points(0.7)
     sheet.static(f"{root}/ticks", rr.LineStrips2D(lines, colors=[_INK], radii=style, draw_order=1.0))
-    _draw_labels(sheet, f"{root}/labels", places, labels)
+    _draw_labels(sheet, f"{root}/labels", places, labels, drop=_DROP * frame.unit)
     west, south, east, north = area
     corners = [(west, south), (east, south), (east, north), (west, north), (west, south)]
     strip = [(frame.right(x), frame.down(y)) for x, y in corners]
-    sheet.static(f"{root}/area", rr.LineStrips2D([strip], colors=[(0, 0, 0)], radii=style, draw_order=2.0))
+    sheet.static(
+        f"{root}/area", rr.LineStrips2D([strip], colors=[(0, 0, 0)], radii=rr.Radius.ui_points(1.2), draw_order=2.0)
+    )
 
 
 def _multiples(step: float, values: FloatArray) -> list[float]:
@@ -112,13 +115,13 @@ def _multiples(step: float, values: FloatArray) -> list[float]:
 
 
 def _with_scale(picture: Image, frame: _Frame) -> Image:
-    """The picture (ny, nx, 3) with the scale of colours to its right, opaque where there is something, (ny, n, 4)."""
+    """The picture (ny, nx, 3) with the scale of colours to its right, (ny, n, 3)."""
     rows, columns = picture.shape[:2]
     gap, wide = round(_GAP * frame.unit), max(1, round(_BAR * frame.unit))
-    whole = np.zeros((rows, columns + gap + wide, 4), dtype=np.uint8)
-    whole[:, :columns, :3] = picture
-    whole[:, columns + gap :, :3] = height_colours(FULL_M * (1.0 - 2.0 * (np.arange(rows) + 0.5) / rows))[:, np.newaxis]
-    whole[:, :columns, 3] = whole[:, columns + gap :, 3] = 255
+    whole = np.empty((rows, columns + gap + wide, 3), dtype=np.uint8)
+    whole[:, :columns] = picture
+    whole[:, columns : columns + gap] = entities.MAP_COLOUR
+    whole[:, columns + gap :] = height_colours(FULL_M * (1.0 - 2.0 * (np.arange(rows) + 0.5) / rows))[:, np.newaxis]
     return whole
 
 
@@ -128,8 +131,12 @@ def _draw_scale(sheet: Sheet, root: str, frame: _Frame) -> None:
     left, wide = width + _GAP * frame.unit, _BAR * frame.unit
     places = [(left + wide + 0.9 * _LABEL * frame.unit, 0.5 * height * (1.0 - up / FULL_M)) for up in TICKS_M]
     labels = [f"{1000.0 * up:+.0f} mm" if up else "plane" for up in TICKS_M]
-    _draw_labels(sheet, f"{root}/scale_labels", places, labels)
+    _draw_labels(sheet, f"{root}/scale_labels", places, labels, drop=_DROP * frame.unit)
 
 
-def _draw_labels(sheet: Sheet, entity: str, places: list[tuple[float, float]], labels: list[str]) -> None:
+def _draw_labels(
+    sheet: Sheet, entity: str, places: list[tuple[float, float]], labels: list[str], *, drop: float
+) -> None:
+    # The viewer writes a label a little below its point.
+    places = [(x, y - drop) for x, y in places]
     sheet.static(entity, rr.Points2D(places, labels=labels, colors=[_INK], radii=_UNSEEN, show_labels=True))

@@ -20,7 +20,7 @@ from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import thin
 
 MM = 1000.0
-MOST_MM = 150.0
+MOST_MM = 100.0
 """To which the plots reach at first, from the plane or from zero error."""
 _BEYOND_MM = 80.0
 """The same on a bench, from the ends of the true travel."""

@@ -79,7 +79,8 @@ def draw_machine(run: Run, sheet: Sheet) -> None:
             _draw_joint(sheet, joint, truth.t_ns[keep], run.column(truth, column)[keep])
     sheet.rows(entities.FOCUS, truth.t_ns[moved], rr.Points3D.columns(positions=position[moved]))
     sheet.static(entities.FOCUS, rr.Points3D.from_fields(radii=0.01, colors=[(0, 0, 0)]))
-    sheet.follow = entities.FOCUS
+    # A followed point is what the camera looks at; of a bench it would be the foot.
+    sheet.follow = None if run.scene.bench else entities.FOCUS
     sheet.eye = _seen_from_behind(run, position[0], quaternion[0])
     sheet.begin_ns = sets_off_ns(truth.t_ns, position)
 

@@ -14,10 +14,14 @@ from viz.sheet import Run, Sheet
 
 _OUTLINE, _OUTLINE_LIFT_M = (60, 60, 60), 0.12
 _BAR_CELLS = 40
-_SIDE, _HEIGHT, _WIDTH, _TOP = 0.60, 0.62, 0.045, 0.98
-"""Of the legend: how far to the left, how high and wide, and where its top is, in half heights of the picture."""
+_SIDE, _HEIGHT, _WIDTH, _TOP, _RIM, _LABEL = 1.36, 0.70, 0.05, 0.90, 0.015, 0.24
+"""Of the legend: how far to the left, how high and wide, where its top is, the rim around it, and where labels have
+their middle, in half heights of the picture."""
+_RISE = 0.06
+"""The viewer writes labels so far below their points, in the same unit."""
 _NEAR = 0.35
 """Where it hangs, between the camera and what that looks at."""
+_RIM_COLOUR = 0x282828FF
 _HALF_VIEW_RAD = np.radians(27.5)
 """Half of what the camera sees from top to bottom."""
 
@@ -92,15 +96,16 @@ def _draw_legend(run: Run, sheet: Sheet) -> None:
         ],
         axis=1,
     )
-    quads = 4 * np.arange(_BAR_CELLS)[:, np.newaxis, np.newaxis] + np.array([[0, 2, 3], [0, 3, 1]])
-    bar = rr.Mesh3D(
-        vertex_positions=corners.reshape(-1, 3).astype(np.float32),
-        triangle_indices=quads.reshape(-1, 3).astype(np.uint32),
-        vertex_colors=np.repeat(packed_colours(heights), 4),
-    )
-    sheet.static(f"{entities.HEIGHT_LEGEND}/bar", bar)
+    sheet.static(f"{entities.HEIGHT_LEGEND}/bar", _quads(corners, np.repeat(packed_colours(heights), 4)))
+    behind = 1.01 * (top + half * np.array([
+        -_RIM * right + _RIM * above,
+        (_WIDTH + _RIM) * right + _RIM * above,
+        -_RIM * right - (_HEIGHT + _RIM) * above,
+        (_WIDTH + _RIM) * right - (_HEIGHT + _RIM) * above,
+    ]) - (eye - target)) + (eye - target)  # fmt: skip
+    sheet.static(f"{entities.HEIGHT_LEGEND}/rim", _quads(behind[np.newaxis], np.full(4, _RIM_COLOUR, dtype=np.uint32)))
     places = [
-        top + half * (3.2 * _WIDTH * right - 0.5 * (1.0 - height / FULL_M) * _HEIGHT * above) for height in TICKS_M
+        top + half * (_LABEL * right + (_RISE - 0.5 * (1.0 - height / FULL_M) * _HEIGHT) * above) for height in TICKS_M
     ]
     labels = [f"{1000.0 * height:+.0f} mm" if height else "plane" for height in TICKS_M]
     sheet.static(
@@ -110,3 +115,13 @@ def _draw_legend(run: Run, sheet: Sheet) -> None:
     moved = np.flatnonzero(np.any(np.diff(track, axis=0, prepend=np.nan) != 0.0, axis=1))
     columns = rr.Transform3D.columns(translation=track[moved])
     sheet.rows(entities.HEIGHT_LEGEND, run.truth.t_ns[moved], columns)
+
+
+def _quads(corners: FloatArray, colours: NDArray[np.uint32]) -> rr.Mesh3D:
+    """A mesh of quadrangles (N, 4, 3), each from its upper left, upper right, lower left and lower right corner."""
+    triangles = 4 * np.arange(len(corners))[:, np.newaxis, np.newaxis] + np.array([[0, 2, 3], [0, 3, 1]])
+    return rr.Mesh3D(
+        vertex_positions=corners.reshape(-1, 3).astype(np.float32),
+        triangle_indices=triangles.reshape(-1, 3).astype(np.uint32),
+        vertex_colors=colours,
+    )
