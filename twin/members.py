@@ -196,9 +196,9 @@ def require_columns(
     Raises:
         BadInputError: naming the column.
     """
-    given = {**estimates, **measurements}
     for section, controller in scenario.controllers.items():
         for name, columns in controller.needed_columns.items():
+            given = estimates if name in controller.listens.estimators else measurements
             missing = [column for column in columns if column not in given[name]]
             if missing:
                 raise BadInputError(
