@@ -37,6 +37,11 @@ def test_rotations_agree_with_scipy(roll: float, pitch: float, yaw: float) -> No
     np.testing.assert_allclose(back, (roll, pitch, yaw), atol=1e-7)
 
 
+@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (1e-9, 0.0, 0.0), (0.3, -0.2, 0.5), (0.0, 3.0, -1.0)])
+def test_rotation_about_an_axis_agrees_with_scipy(vector: tuple[float, float, float]) -> None:
+    np.testing.assert_allclose(geometry.rotation_about(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
+
+
 def test_positive_pitch_puts_the_nose_down() -> None:
     nose = geometry.rotation_from_rpy(0.0, 0.1, 0.0) @ [1.0, 0.0, 0.0]
     assert nose[2] == pytest.approx(-math.sin(0.1))

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.errors import BadInputError
 from twin.estimators import build_estimator
-from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream, sigma_column
+from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream
 from twin.scenario import Scenario
 from twin.signals import (
     NS_PER_S,
@@ -25,6 +25,7 @@ from twin.signals import (
     Said,
     SensorInfo,
     Smoother,
+    sigma_column,
 )
 
 EstimatorFactory = Callable[[EstimatorSetup], Estimator]

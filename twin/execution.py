@@ -10,10 +10,11 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver
+from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver, build_implement
 from twin.errors import BadInputError, WorldEndedError
 from twin.estimation import EstimatorFactory
 from twin.geometry import wrap_angle_scalar
+from twin.groundlog import GroundLog, GroundLogWriter
 from twin.members import Members, SideBySide
 from twin.recording import TRUTH, Recording, Stream, StreamWriter
 from twin.scenario import LoadedScenario, Scenario
@@ -26,6 +27,7 @@ from twin.signals import (
     LANE_OFFSET,
     NS_PER_S,
     Capture,
+    Command,
     Event,
     FloatArray,
     Knowledge,
@@ -40,6 +42,8 @@ Progress = Callable[[float], None]
 """Called with the simulated time now and then."""
 
 _PROGRESS_PERIOD_NS = NS_PER_S // 2
+_GROUND_HZ = 5.0
+"""How often changed ground is written down."""
 
 
 class Observer(Protocol):
@@ -86,7 +90,7 @@ def execute(
         BadInputError: something in the scenario cannot be built, or a check names a metric that will not exist, or
             several runs are wanted of a scenario whose driver listens to estimators or sensors.
     """
-    if len(runs) > 1 and loaded.scenario.driver.listens.closes_loop:
+    if len(runs) > 1 and loaded.scenario.listens.closes_loop:
         raise BadInputError(
             f"{loaded.path}: the driver listens to its sensors, so that every run drives its own way: one run at a time"
         )
@@ -111,7 +115,7 @@ def execute_each(
         BadInputError: as :func:`execute`.
     """
     groups = [(run,) for run in runs]
-    shared = [groups] if not loaded.scenario.driver.listens.closes_loop else [[group] for group in groups]
+    shared = [groups] if not loaded.scenario.listens.closes_loop else [[group] for group in groups]
     options: dict[str, Any] = {"full_rate": full_rate, "plugins": plugins, "progress": progress}
     return [recording for each in shared for recording in _execute(loaded, groups=each, **options)]
 
@@ -153,7 +157,8 @@ def _execute(
             streams={TRUTH: truth, **members.streams()},
             pictures=members.pictures(),
             events=sorted([*journey.events, *members.events], key=lambda event: event.t_ns),
-            terrain=world.terrain,
+            terrain=world.first_terrain,
+            ground=journey.ground_log(),
             ended_reason=reason,
             ended_t_s=simulated_s,
             timing=dict(timing),
@@ -209,6 +214,7 @@ def open_world(loaded: LoadedScenario) -> World:
             signs=scenario.signs,
             magnetics=scenario.magnetics,
             light=scenario.light,
+            levelling=scenario.levelling,
         )
 
 
@@ -241,13 +247,17 @@ class Journey:
         self._world = world
         self._observer = observer
         self._driver = _driver(scenario)
+        self._implement = None if scenario.implement is None else build_implement(scenario.implement)
+        self._sees_implement = scenario.machine.lifts
         self._ticks = nanoseconds(scenario.duration_s) // world.dt_ns
         self._truth_every = 1 if full_rate else _period_ticks(scenario.recording.truth_hz, world.dt_ns)
         self._control_every = _period_ticks(CONTROL_HZ, world.dt_ns)
-        self._listens = scenario.driver.listens
+        self._listens = scenario.listens
         self._keeps_lane = isinstance(scenario.driver, LaneDriverConfig)
         columns = (*world.truth_columns, "segment", *((LANE_OFFSET, LANE_HEADING) if self._keeps_lane else ()))
         self._truth = StreamWriter(columns, 1)
+        self._ground = GroundLogWriter() if world.moves_soil else None
+        self._ground_every = _period_ticks(_GROUND_HZ, world.dt_ns)
         self._last_segment = -1
         for name, need in observer.needs.items():
             world.watch(name, need)
@@ -265,13 +275,14 @@ class Journey:
             if tick == next_truth or collided:
                 self._note_truth(t_ns)
                 next_truth = tick + self._truth_every
+            if self._ground is not None and (tick % self._ground_every == 0 or tick >= self._ticks):
+                self._ground.append(t_ns, *world.drain_ground())
             observer.advance(t_ns)
             if collided:
                 self.events.append(Event(t_ns=t_ns, source="world", level="error", text="the machine touched a tree"))
                 return COLLISION
             if tick == next_control:
-                knowledge = self._knowledge(t_ns)
-                world.command(self._driver.command(knowledge, self._control_every * world.dt_ns / NS_PER_S))
+                world.command(self._decide(t_ns))
                 self._note_segment(t_ns)
                 next_control += self._control_every
             if progress is not None and t_ns >= next_progress_ns:
@@ -296,16 +307,24 @@ class Journey:
         axis_rad = self._driver.path.pose(station_m).heading_rad
         return offset_m, wrap_angle_scalar(vehicle.heading_rad - axis_rad)
 
+    def _decide(self, t_ns: int) -> Command:
+        """What the driver, and after it whoever holds the implement, ask of the machine now."""
+        knowledge = self._knowledge(t_ns)
+        command = self._driver.command(knowledge, self._control_every * self._world.dt_ns / NS_PER_S)
+        return command if self._implement is None else self._implement.amend(command, knowledge)
+
     def _knowledge(self, t_ns: int) -> Knowledge:
-        """What the driver goes by now."""
+        """What driver and implement go by now."""
+        implement = self._world.implement() if self._sees_implement else None
         if not self._listens.closes_loop:
-            return Knowledge(t_ns=t_ns, vehicle=self._world.vehicle())
+            return Knowledge(t_ns=t_ns, vehicle=self._world.vehicle(), implement=implement)
         confidant = cast("Confidant", self._observer)
         said = {name: confidant.said(name) for name in self._listens.estimators}
         measured = {name: confidant.measured(name, t_ns) for name in self._listens.sensors}
         return Knowledge(
             t_ns=t_ns,
             vehicle=self._world.vehicle() if self._listens.truth else None,
+            implement=implement if self._listens.truth else None,
             said={name: each for name, each in said.items() if each is not None},
             measured={name: each for name, each in measured.items() if each is not None},
         )
@@ -332,6 +351,10 @@ class Journey:
     def truth_columns(self) -> tuple[str, ...]:
         """Columns of the truth."""
         return self._truth.columns
+
+    def ground_log(self) -> GroundLog | None:
+        """How the ground changed until now; None where no machine moves soil."""
+        return None if self._ground is None else self._ground.finish()
 
     def truth_stream(self) -> Stream:
         """What really happened until now (R = 1)."""

@@ -80,6 +80,15 @@ def quaternion_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Fl
     )
 
 
+def rotation_about(vector_rad: ArrayLike) -> FloatArray:
+    """Rotation matrix, shape (3, 3), of a turn about the axis ``vector_rad`` (3,) by its length (Rodrigues)."""
+    x, y, z = (float(value) for value in np.asarray(vector_rad, dtype=np.float64))
+    angle = math.sqrt(x * x + y * y + z * z)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: FloatArray = np.eye(3) + _sinc(angle) * cross + 0.5 * _sinc(0.5 * angle) ** 2 * (cross @ cross)
+    return turned
+
+
 # --- planned paths ---------------------------------------------------------------------------------------------------
 
 

@@ -10,8 +10,8 @@ from twin.jpeg import EncodedPicture
 from twin.pictures import Pictures
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
-from twin.scoring.reacquisition import TRUE_FIX
 from twin.sensors import Sample, Sensor, build_sensor
+from twin.sensors.gnss import TRUE_FIX
 from twin.signals import Capture, Event, Measurement, Need, Said
 
 
@@ -78,7 +78,7 @@ class Members(SensorRack):
         self._measured = {name: StreamWriter(sensor.columns, len(runs)) for name, sensor in kept.items()}
         self._hidden = {name: StreamWriter(sensor.hidden_columns, len(runs)) for name, sensor in kept.items()}
         self._fixes = self._fix_writer(scenario.scoring.fixes_of, len(runs))
-        self._inbox = Inbox(scenario.driver.listens.sensors)
+        self._inbox = Inbox(scenario.listens.sensors)
         self._pictures: dict[str, list[EncodedPicture]] = {}
         self.events: list[Event] = []
         """Faults that began or ended."""
@@ -164,7 +164,7 @@ class Members(SensorRack):
 
 
 class Inbox:
-    """Samples of some sensors on their way to the driver."""
+    """Samples of some sensors on their way to the driver and the implement's controller."""
 
     def __init__(self, sensors: Sequence[str]) -> None:
         self._under_way: dict[str, list[Measurement]] = {name: [] for name in sensors}
@@ -191,19 +191,20 @@ class Inbox:
 def require_columns(
     scenario: Scenario, estimates: Mapping[str, Sequence[str]], measurements: Mapping[str, Sequence[str]]
 ) -> None:
-    """Refuse a driver whose estimators or sensors do not give what it needs.
+    """Refuse a driver or a controller whose estimators or sensors do not give what it needs.
 
     Raises:
         BadInputError: naming the column.
     """
     given = {**estimates, **measurements}
-    for name, columns in scenario.driver.needed_columns.items():
-        missing = [column for column in columns if column not in given[name]]
-        if missing:
-            raise BadInputError(
-                f"driver: {name!r} gives no {', '.join(missing)}, which a driver of kind {scenario.driver.kind!r}"
-                f" needs; it gives {', '.join(given[name])}"
-            )
+    for section, controller in scenario.controllers.items():
+        for name, columns in controller.needed_columns.items():
+            missing = [column for column in columns if column not in given[name]]
+            if missing:
+                raise BadInputError(
+                    f"{section}: {name!r} gives no {', '.join(missing)}, which kind {controller.kind!r} needs; it gives"
+                    f" {', '.join(given[name])}"
+                )
 
 
 class SideBySide:

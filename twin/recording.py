@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from twin.errors import BadInputError
+from twin.groundlog import GroundLog, save_ground
 from twin.pictures import FOLDER as PICTURE_FOLDER
 from twin.pictures import Pictures, save_pictures
 from twin.signals import NS_PER_S, BoolArray, Event, FloatArray, IntArray
@@ -203,7 +204,9 @@ class Recording:
     pictures: dict[str, Pictures] = field(default_factory=dict)
     """What the cameras of the first run saw, by sensor."""
     terrain: Terrain | None = None
-    """The ground, for pictures; only in memory."""
+    """The ground as it was at the beginning, for pictures; only in memory."""
+    ground: GroundLog | None = None
+    """How it changed; None where no machine moves soil."""
     ended_reason: str = "duration"
     ended_t_s: float = 0.0
     timing: dict[str, float] = field(default_factory=dict)
@@ -234,11 +237,6 @@ class Recording:
         return self.streams[stream].to_arrow(run)
 
 
-def sigma_column(column: str) -> str:
-    """Column holding one standard deviation of ``column`` in an estimate stream."""
-    return f"{column}.sigma"
-
-
 def covariance_column(first: str, second: str) -> str:
     """Column holding the covariance of two state columns in an estimate stream."""
     return f"cov({first},{second})"
@@ -261,6 +259,7 @@ def save(recording: Recording, folder: Path) -> None:
         path.parent.mkdir(exist_ok=True)
         pq.write_table(stream.to_arrow(), path)
     save_pictures(recording.pictures, folder)
+    save_ground(recording.ground, folder)
     rows = [
         {"t_ns": event.t_ns, "source": event.source, "level": event.level, "text": event.text}
         for event in recording.events

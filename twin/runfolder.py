@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import BadInputError
+from twin.groundlog import load_ground
 from twin.paths import plain_name
 from twin.pictures import load_pictures
 from twin.recording import TRUTH, Recording, Stream, load_events, load_streams
@@ -128,6 +129,7 @@ def read_recording(folder: Path) -> Recording:
             streams=_in_scenario_order(load_streams(folder), tomllib.loads(toml)),
             events=load_events(folder),
             pictures=load_pictures(folder),
+            ground=load_ground(folder),
             ended_reason=str(result["ended"]["reason"]),
             ended_t_s=_ended_t_s(result),
             timing={name: float(value) for name, value in result["timing"].items() if value is not None},

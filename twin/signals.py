@@ -71,6 +71,11 @@ def row_position(row: int) -> tuple[str, str]:
     return f"row_{row}_e_m", f"row_{row}_n_m"
 
 
+def sigma_column(column: str) -> str:
+    """Column holding one standard deviation of ``column`` in an estimate."""
+    return f"{column}.sigma"
+
+
 def wraps(column: str) -> bool:
     """Tell whether differences of this column have to be wrapped into (-pi, pi]."""
     return column in _WRAPPING
@@ -374,6 +379,8 @@ class Command:
     """Wanted rate of turn, positive to the left: for a machine that turns by the difference of its wheels' speeds."""
     brake: bool = False
     """Hold the parking brake."""
+    raised: bool = False
+    """The driver wants the implement out of the ground."""
     lift_m_s: float = 0.0
     """Wanted speed of the implement's lift, positive upwards: for a machine that has one."""
 
@@ -391,7 +398,7 @@ class VehicleState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listening:
-    """Whom a driver listens to; whoever listens to anybody closes a loop, and the world differs from run to run."""
+    """Whom a controller listens to; whoever listens to anybody closes a loop, and the world differs from run to run."""
 
     estimators: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
@@ -402,6 +409,14 @@ class Listening:
     def closes_loop(self) -> bool:
         """Whether what the machine does depends on what was measured."""
         return bool(self.estimators or self.sensors)
+
+    def __or__(self, other: Listening) -> Listening:
+        """Whom two controllers listen to together."""
+        return Listening(
+            estimators=tuple(dict.fromkeys((*self.estimators, *other.estimators))),
+            sensors=tuple(dict.fromkeys((*self.sensors, *other.sensors))),
+            truth=self.truth or other.truth,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -416,11 +431,13 @@ class Said:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Knowledge:
-    """What a driver goes by at one moment."""
+    """What drivers and controllers go by at one moment."""
 
     t_ns: int
     vehicle: VehicleState | None = None
-    """What is to be seen from the seat, which is the truth; None for a driver who does not follow it."""
+    """What is to be seen from the seat, which is the truth; None where nobody follows it."""
+    implement: Said | None = None
+    """True height and vertical speed of the implement, by column; None where nobody follows them."""
     said: Mapping[str, Said] = field(default_factory=dict)
     """Latest estimate by estimator, of those that have spoken."""
     measured: Mapping[str, Said] = field(default_factory=dict)
@@ -432,6 +449,13 @@ class Knowledge:
         if self.vehicle is None:
             raise ValueError("nobody sits in this machine")
         return self.vehicle
+
+    @property
+    def seen_of_implement(self) -> Said:
+        """The implement as somebody sees it who follows the truth."""
+        if self.implement is None:
+            raise ValueError("nobody looks at the implement, or there is none")
+        return self.implement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

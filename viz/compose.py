@@ -11,10 +11,11 @@ from twin.recording import Recording
 from twin.scenario import Scenario, loads
 from twin.sensors.lidar import LidarConfig
 from twin.signals import NS_PER_S, FloatArray
+from twin.world.ground import build_ground
 from twin.world.magnetics import IronConfig, MagnetConfig, Magnetics, MagneticsConfig
 from twin.world.orchard import planted
 from twin.world.signs import put_up
-from twin.world.terrain import Terrain, build_terrain, wanted_extent
+from twin.world.terrain import Terrain
 from twin.world.urdf import read_urdf
 from viz.magnetic import MU0_4PI_UT, MagneticPieces
 from viz.scene import Scanner, Scene
@@ -45,10 +46,14 @@ def scene_of(recording: Recording) -> Scene:
     terrain = recording.terrain
     trunks = scenario.orchard.trunks(recording.seed)
     if terrain is None:
-        posts = np.array([(sign.east_m, sign.north_m) for sign in scenario.signs]).reshape(-1, 2)
-        places = np.vstack([path, machine.vehicle_start[:2], trunks[:, :2], posts])
-        extent = wanted_extent(places, machine.reach_m)
-        terrain = build_terrain(scenario.terrain, seed=recording.seed, extent=extent)
+        terrain = build_ground(
+            scenario.terrain,
+            machine,
+            seed=recording.seed,
+            path=driver.path.polyline(),
+            orchard=scenario.orchard,
+            signs=scenario.signs,
+        )
     return Scene(
         urdf=machine.asset,
         heights=terrain.heights,

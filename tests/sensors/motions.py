@@ -144,9 +144,11 @@ WHEEL_RADIUS_M = 0.033
 
 
 def shown(need: Need, motion: MountMotion) -> Capture:
-    """What a world would show: wheels roll with the mount, no magnet, no motor, a wall at 1 m all round, a sign."""
+    """What a world would show: wheels roll with the mount, a single slide swings; a wall at 1 m all round, a sign."""
     place: dict[str, Any] = {"t_ns": motion.t_ns, "position_enu_m": motion.position_enu_m}
     match need:
+        case JointNeed(joints=(_,)):
+            return JointMotion(**place, position=0.15 * np.sin(np.linalg.norm(motion.position_enu_m, keepdims=True)))
         case JointNeed():
             turned = float(np.linalg.norm(motion.position_enu_m)) / WHEEL_RADIUS_M
             return JointMotion(**place, position=np.full(len(need.joints), turned))

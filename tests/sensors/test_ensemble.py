@@ -10,6 +10,7 @@ import pytest
 from tests.sensors.motions import Log, circle, drive, preset, sensor
 
 PRESETS = ["imu_row_unit", "imu_mpu6050", "imu_mti300", "radar_99ppm", "rtk_f9p_dual", "rtk_survey", "single_point"]
+PRESETS += ["rtk_chcnav_i70", "ahrs_mti300", "laser_lr4009", "lmt_millay", "lift_stroke"]
 RECEIVER_FAULTS = [
     {"kind": "corrections_old", "growth": 0.5, "from_s": 0.5, "to_s": 2.0},
     {"kind": "corrections_lost", "from_s": 2.0, "to_s": 3.0},
@@ -19,7 +20,14 @@ RECEIVER_FAULTS = [
     {"kind": "zero_covariance", "from_s": 5.0, "to_s": 6.0},
 ]
 """All but a wrong fix, which takes a receiver that can fix."""
-FIRST = {"imu": "gyro_z_rad_s", "radar": "speed_m_s", "gnss": "course_rad"}
+FIRST = {
+    "imu": "gyro_z_rad_s",
+    "radar": "speed_m_s",
+    "gnss": "course_rad",
+    "ahrs": "free_accel_u_m_s2",
+    "laser_receiver": "height_level_m",
+    "displacement_transducer": "displacement_m",
+}
 
 
 def faulty(name: str) -> dict[str, Any]:
@@ -31,6 +39,7 @@ def faulty(name: str) -> dict[str, Any]:
         inner = list(RECEIVER_FAULTS)
         if "fix" in values["states"]:
             inner.append({"kind": "wrong_fix", "from_s": 6.5, "to_s": 7.0})
+            inner.append({"kind": "bad_reacquisition", "for_s": 0.3, "to_s": 7.5})
             values["states"]["fix"] |= {"until_age_s": 1.6, "acquire_s": 0.4}
             values["states"]["float"] |= {"until_age_s": 2.5, "acquire_s": 0.2}
             values |= {"corrections_loss_probability": 0.3}

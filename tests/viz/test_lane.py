@@ -13,9 +13,9 @@ from tests.viz.synthetic_run import table
 from tests.viz.test_viewer import coloured, holds, opened, pixels
 from twin.estimators.magnetic_disturbance import CLEAN, DISTURBED, LEARNING, RECOVERING
 from twin.execution import execute
-from twin.recording import Recording, estimate_stream, sigma_column
+from twin.recording import Recording, estimate_stream
 from twin.scenario import load
-from twin.signals import CLEARANCE, LANE_OFFSET
+from twin.signals import CLEARANCE, LANE_OFFSET, sigma_column
 from viz import entities
 from viz.check import empty_views, stored_views
 from viz.compose import scene_of

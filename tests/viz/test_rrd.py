@@ -10,8 +10,8 @@ from rerun.chunk import RrdReader
 from tests.viz.conftest import Written
 from tests.viz.reading import entities_of, scalars, texts, vectors
 from tests.viz.synthetic_run import make_recording, make_result, make_scene
-from twin.recording import Recording, covariance_column, sigma_column
-from twin.signals import row_speed
+from twin.recording import Recording, covariance_column
+from twin.signals import row_speed, sigma_column
 from viz import entities
 from viz.check import empty_views, shown_entities, stored_views
 from viz.layers import LAYERS

@@ -70,7 +70,7 @@ def test_coasting_without_resistance_gains_no_energy(make_world: WorldMaker, kin
         # 3 (sin a - a cos a) / a^3 of the slope and sin(a) / a of the height, a = 2 pi n l. Four sigma, at two places.
         n = np.linspace(0.02, 20.0, 20_000)
         variance = 0.0
-        for load, length in zip(_loads(world), world._wheels[:, tyres.HALF_LENGTH], strict=True):
+        for load, length in zip(_loads(world), world._parts.wheels[:, tyres.HALF_LENGTH], strict=True):
             arg = 2.0 * math.pi * n * length
             unlike = 3.0 * (np.sin(arg) - arg * np.cos(arg)) / arg**3 - np.sin(arg) / arg
             variance += load**2 * float(np.trapezoid(256e-6 * (0.1 / n) ** 2 * unlike**2, n))

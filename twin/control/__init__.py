@@ -1,7 +1,7 @@
 """Control: from what is known of the machine to what is asked of it.
 
 ``DriverConfigUnion`` is the union of every kind of driver's configuration, :func:`build_driver` makes the driver of
-one.
+one. ``ImplementConfigUnion`` and :func:`build_implement` are the same for whoever holds the implement.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from pydantic import Discriminator, Tag
 from twin.control.heading_hold import HeadingHold, HeadingHoldConfig
 from twin.control.lane_following import LaneFollowing, LaneFollowingConfig
 from twin.control.lane_keeping import LaneDriverConfig
+from twin.control.levelling import LevellingControl, LevellingControlConfig
 from twin.control.path_following import PathDriver, PathDriverConfig
+from twin.control.reciprocation import Reciprocation, ReciprocationConfig
 from twin.control.tree_distances import TreeDistancesDriver, TreeDistancesDriverConfig
 from twin.geometry import Path
 from twin.signals import Command, Knowledge
@@ -24,11 +26,16 @@ __all__ = [
     "Driver",
     "DriverConfigUnion",
     "HeadingHoldConfig",
+    "ImplementConfigUnion",
+    "ImplementController",
     "LaneDriverConfig",
     "LaneFollowingConfig",
+    "LevellingControlConfig",
     "PathDriverConfig",
+    "ReciprocationConfig",
     "TreeDistancesDriverConfig",
     "build_driver",
+    "build_implement",
 ]
 
 CONTROL_HZ = 50.0
@@ -51,7 +58,16 @@ class Driver(Protocol):
         """Return what the driver asks of the machine now; called every ``interval_s``."""
 
 
-AnyDriverConfig = PathDriverConfig | HeadingHoldConfig | TreeDistancesDriverConfig | LaneFollowingConfig
+class ImplementController(Protocol):
+    """Whoever commands the implement, asked after the driver at the same rate."""
+
+    def amend(self, command: Command, knowledge: Knowledge) -> Command:
+        """Return the driver's command with what is asked of the implement in it."""
+
+
+AnyDriverConfig = (
+    PathDriverConfig | HeadingHoldConfig | TreeDistancesDriverConfig | LaneFollowingConfig | ReciprocationConfig
+)
 
 
 def _kind(value: Any) -> Any:
@@ -63,7 +79,8 @@ DriverConfigUnion = Annotated[
     Annotated[PathDriverConfig, Tag("path")]
     | Annotated[HeadingHoldConfig, Tag("heading_hold")]
     | Annotated[TreeDistancesDriverConfig, Tag("tree_distances")]
-    | Annotated[LaneFollowingConfig, Tag("lane_following")],
+    | Annotated[LaneFollowingConfig, Tag("lane_following")]
+    | Annotated[ReciprocationConfig, Tag("reciprocation")],
     Discriminator(_kind),
 ]
 
@@ -88,3 +105,14 @@ def build_driver(
             return TreeDistancesDriver(config, start_e_n_heading=start_e_n_heading)
         case LaneFollowingConfig():
             return LaneFollowing(config, start_e_n_heading=start_e_n_heading)
+        case ReciprocationConfig():
+            return Reciprocation(config, start_e_n_heading=start_e_n_heading, seed=seed)
+
+
+ImplementConfigUnion = LevellingControlConfig
+"""A second kind makes a union of it."""
+
+
+def build_implement(config: ImplementConfigUnion) -> ImplementController:
+    """Make the controller of the implement that a configuration describes."""
+    return LevellingControl(config)

@@ -52,6 +52,8 @@ class Segment(Config):
     """Stop and stand for this long with the brake on."""
     speed_m_s: Annotated[float, Field(gt=0.0, le=15.0)] | None = None
     """Speed from here on."""
+    raised: bool = False
+    """Keep the implement out of the ground meanwhile."""
     label: str = ""
     """Name of the segment in plots and events."""
 
@@ -141,6 +143,7 @@ class _Leg:
     speed_m_s: float
     stop_s: float
     spin_rad: float
+    raised: bool
 
     @property
     def halts(self) -> bool:
@@ -165,7 +168,9 @@ def _lay_out(segments: Iterable[Segment], speed_m_s: float) -> tuple[list[tuple[
         elif spin:
             pieces.append((0.0, spin))
         if length or spin or segment.stop_s is not None:
-            legs.append(_Leg(segment.name, station, station + length, speed_m_s, segment.stop_s or 0.0, spin))
+            legs.append(
+                _Leg(segment.name, station, station + length, speed_m_s, segment.stop_s or 0.0, spin, segment.raised)
+            )
         station += length
     return pieces, legs
 
@@ -216,12 +221,20 @@ class PathDriver:
         if standing:
             self._speed_m_s = 0.0
             rate = self._spin_rate()
-            return Command(speed_m_s=0.0, steering_rad=steering, yaw_rate_rad_s=rate, brake=rate == 0.0)
+            return Command(
+                speed_m_s=0.0, steering_rad=steering, yaw_rate_rad_s=rate, brake=rate == 0.0, raised=self._raised
+            )
         limit = self._config.acceleration_m_s2 * interval_s
         step = min(max(self._wanted_speed() - self._speed_m_s, -limit), limit)
         self._speed_m_s += step
         self._walk_offset(interval_s)
-        return Command(speed_m_s=self._speed_m_s, steering_rad=steering, yaw_rate_rad_s=self._speed_m_s * curvature)
+        rate = self._speed_m_s * curvature
+        return Command(speed_m_s=self._speed_m_s, steering_rad=steering, yaw_rate_rad_s=rate, raised=self._raised)
+
+    @property
+    def _raised(self) -> bool:
+        """Whether the implement has to be out of the ground on this leg, or after the last."""
+        return self._legs[min(self.segment, len(self._legs) - 1)].raised
 
     def _advance(self, vehicle: VehicleState, interval_s: float) -> bool:
         """Move on to the leg the machine is in; tell whether the machine has to stand now."""

@@ -15,6 +15,8 @@ from twin.estimators.heading_complementary import HeadingComplementary, HeadingC
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
 from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
 from twin.estimators.heading_madgwick import HeadingMadgwick, HeadingMadgwickConfig
+from twin.estimators.height_hold import HeightHold, HeightHoldConfig
+from twin.estimators.height_vpkf import HeightVpkf, HeightVpkfConfig
 from twin.estimators.ins_build import RowSpeedInsConfig
 from twin.estimators.row_filter import RowFilter, RowFilterConfig
 from twin.estimators.row_speed_ekf import RowSpeedEkf, RowSpeedEkfConfig
@@ -32,6 +34,8 @@ __all__ = [
     "HeadingFilterConfig",
     "HeadingKalmanConfig",
     "HeadingMadgwickConfig",
+    "HeightHoldConfig",
+    "HeightVpkfConfig",
     "PluginConfig",
     "RadarOnlyConfig",
     "RowFilterConfig",
@@ -49,11 +53,14 @@ HeadingFilterUnion = (
 )
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
-AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | PluginConfig
+HeightUnion = HeightHoldConfig | HeightVpkfConfig
+AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
-def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estimator:  # noqa: C901, PLR0911
+def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
+    config: AnyEstimatorConfig, setup: EstimatorSetup
+) -> Estimator:
     """Make the estimator a configuration describes, for the sensors and runs of ``setup``.
 
     Raises:
@@ -80,5 +87,9 @@ def build_estimator(config: AnyEstimatorConfig, setup: EstimatorSetup) -> Estima
             return RowFilter(config, setup)
         case TreeDistancesConfig():
             return TreeDistances(config, setup)
+        case HeightHoldConfig():
+            return HeightHold(config, setup)
+        case HeightVpkfConfig():
+            return HeightVpkf(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

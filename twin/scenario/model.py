@@ -10,14 +10,14 @@ from pydantic import Field, Strict, field_validator, model_validator
 
 from twin import paths
 from twin.config import Config, Names, NonNegative, Positive, Probability
-from twin.control import DriverConfigUnion, PathDriverConfig
+from twin.control import DriverConfigUnion, ImplementConfigUnion, PathDriverConfig, ReciprocationConfig
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.families import LIMITED
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
-from twin.signals import JointNeed
+from twin.signals import JointNeed, Listening
 from twin.validation import did_you_mean
 from twin.world import (
     LevellingConfig,
@@ -182,6 +182,8 @@ class Scenario(Config):
     """The design plane, above which heights are told, and the area whose flatness counts."""
     machine: MachineConfig
     driver: DriverConfigUnion
+    implement: ImplementConfigUnion | None = None
+    """Who holds the implement; without it, it stays where it is."""
     sensors: dict[str, SensorConfigUnion] = Field(default_factory=dict)
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
@@ -232,17 +234,27 @@ class Scenario(Config):
         return self
 
     @model_validator(mode="after")
-    def _driver_hears(self) -> Self:
-        listens = self.driver.listens
-        heard: dict[str, tuple[Mapping[str, Any], tuple[str, ...]]] = {
-            "estimator": (self.estimators, listens.estimators),
-            "sensor": (self.sensors, listens.sensors),
-        }
-        for what, (known, names) in heard.items():
-            for key, name in self.driver.model_dump(include={"follows", "odometer", "camera"}).items():
-                if name in names and name not in known:
-                    raise ValueError(f"driver.{key}: {unknown(name, known, what)}")
+    def _controllers_hear(self) -> Self:
+        for section, controller in self.controllers.items():
+            heard: dict[str, tuple[Mapping[str, Any], tuple[str, ...]]] = {
+                "estimator": (self.estimators, controller.listens.estimators),
+                "sensor": (self.sensors, controller.listens.sensors),
+            }
+            for what, (known, names) in heard.items():
+                for key, name in controller.model_dump(include={"follows", "odometer", "camera"}).items():
+                    if name in names and name not in known:
+                        raise ValueError(f"{section}.{key}: {unknown(name, known, what)}")
         return self
+
+    @property
+    def controllers(self) -> dict[str, DriverConfigUnion | ImplementConfigUnion]:
+        """Who commands the machine, by the name of the section."""
+        return {"driver": self.driver} | ({} if self.implement is None else {"implement": self.implement})
+
+    @property
+    def listens(self) -> Listening:
+        """Whom driver and implement listen to together."""
+        return self.driver.listens if self.implement is None else self.driver.listens | self.implement.listens
 
     @model_validator(mode="after")
     def _machine_can(self) -> Self:
@@ -252,7 +264,16 @@ class Scenario(Config):
                 raise ValueError(f"{key}: machine {self.machine.kind} has no rows")
         if self.scoring.smallest_ramp_m_s is not None and not isinstance(self.driver, PathDriverConfig):
             raise ValueError("scoring.smallest_ramp_m_s: only the speed of a driver of kind 'path' is known beforehand")
-        if self.machine.turns_on_the_spot:
+        if self.implement is not None and not self.machine.lifts:
+            raise ValueError(f"implement: a {self.machine.kind} has no implement that could be lifted")
+        return self
+
+    @model_validator(mode="after")
+    def _driver_can(self) -> Self:
+        if self.machine.fixed != isinstance(self.driver, ReciprocationConfig):
+            wants = "is a bench: its driver is of kind 'reciprocation'" if self.machine.fixed else "is no bench"
+            raise ValueError(f"driver.kind: a {self.machine.kind} {wants}; given was {self.driver.kind!r}")
+        if self.machine.turns_on_the_spot or self.machine.fixed:
             return self
         if not isinstance(self.driver, PathDriverConfig):
             kind = self.driver.kind

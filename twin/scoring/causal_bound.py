@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.scenario import Scenario
-from twin.sensors.gnss import GnssConfig
+from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.imu import ImuConfig
 from twin.sensors.radar import RadarConfig
 from twin.signals import FloatArray

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.geometry import wrap_angle
-from twin.recording import Stream, sigma_column
+from twin.recording import Stream
 from twin.scoring import consistency
-from twin.signals import FloatArray, IntArray, wraps
+from twin.signals import FloatArray, IntArray, sigma_column, wraps
 
 Rows = IntArray | slice
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from twin.control import PathDriverConfig
 from twin.families import Family, tolerated
 from twin.recording import Stream
 from twin.scenario import Scenario
@@ -175,9 +176,11 @@ class Scorer:
                 self._watch(f"{name}.{column}", compared.t_ns, values)
 
     def _ramp_tally(self, runs: int) -> ramps.RampTally:
+        driver = self._scenario.driver
+        assert isinstance(driver, PathDriverConfig), "the scenario has checked it"
         return ramps.RampTally(
             runs,
-            acceleration_m_s2=self._scenario.driver.acceleration_m_s2,
+            acceleration_m_s2=driver.acceleration_m_s2,
             smallest_m_s=self._scenario.scoring.smallest_ramp_m_s or 0.0,
         )
 

@@ -11,10 +11,14 @@ from typing import Annotated, assert_never
 from pydantic import Field
 
 from twin.sensors.accosat import AccoSat, AccoSatConfig
+from twin.sensors.ahrs import Ahrs, AhrsConfig
 from twin.sensors.base import Sample, Sensor, SensorConfig
 from twin.sensors.camera import Camera, CameraConfig
-from twin.sensors.gnss import Gnss, GnssConfig
+from twin.sensors.displacement_transducer import DisplacementTransducer, DisplacementTransducerConfig
+from twin.sensors.gnss import Gnss
+from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.imu import Imu, ImuConfig
+from twin.sensors.laser_receiver import LaserReceiver, LaserReceiverConfig
 from twin.sensors.lidar import Lidar, LidarConfig
 from twin.sensors.magnetometer import Magnetometer, MagnetometerConfig
 from twin.sensors.radar import Radar, RadarConfig
@@ -38,11 +42,14 @@ AnySensorConfig = (
     | MagnetometerConfig
     | LidarConfig
     | CameraConfig
+    | AhrsConfig
+    | LaserReceiverConfig
+    | DisplacementTransducerConfig
 )
 SensorConfigUnion = Annotated[AnySensorConfig, Field(discriminator="kind")]
 
 
-def build_sensor(  # noqa: PLR0911  (one for each kind)
+def build_sensor(  # noqa: C901, PLR0911  (one for each kind)
     config: AnySensorConfig, *, name: str, mount: Mount, dt_ns: int, seed: int, runs: Sequence[int]
 ) -> Sensor:
     """Make the sensor of this configuration, for the given runs of one world.
@@ -67,5 +74,11 @@ def build_sensor(  # noqa: PLR0911  (one for each kind)
             return Lidar(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case CameraConfig():
             return Camera(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case AhrsConfig():
+            return Ahrs(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case LaserReceiverConfig():
+            return LaserReceiver(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case DisplacementTransducerConfig():
+            return DisplacementTransducer(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case _:
             assert_never(config)

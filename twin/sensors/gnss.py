@@ -16,77 +16,43 @@ are left, and NaN.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self
+from collections.abc import Sequence
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from twin.config import NonNegative, Positive, Probability
-from twin.sensors.base import Reading, Sensor, SensorConfig
+from twin.sensors.base import Reading, Sample, Sensor, SensorConfig
+from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.gnss_corrections import Corrections
+from twin.sensors.gnss_datasheet import datasheet
 from twin.sensors.gnss_disturbances import Disturbances
 from twin.sensors.gnss_errors import PositionErrors, Reports
 from twin.sensors.gnss_faults import RECEIVER_FAULTS
-from twin.sensors.gnss_kernels import speed_and_course
+from twin.sensors.gnss_kernels import NEVER, speed_and_course
 from twin.sensors.gnss_outputs import (
     HEADING_SIGMA,
     VERTICAL_SPEED,
-    AntennaHeading,
-    VerticalSpeed,
     heading_error,
     vertical_speed_error,
 )
-from twin.sensors.gnss_states import FixState, FixStates, dilution
+from twin.sensors.gnss_states import RTK_FIXED, FixStates, dilution
 from twin.sensors.kernels import wrap
 from twin.sensors.noise import Quantiser, RampLowPass
-from twin.signals import HEADING, POSITION, Capture, FloatArray, IntArray, Mount, MountMotion
+from twin.signals import HEADING, POSITION, BoolArray, Capture, FloatArray, IntArray, Mount, MountMotion, nanoseconds
 
+TRUE_FIX = "true_fix"
 _NO_COURSE_M_S = 1e-3
 """Slower than this, the true course has no meaning."""
 
 
-class GnssConfig(SensorConfig):
-    """A receiver and its fix states."""
-
-    kind: Literal["gnss"]
-    states: Annotated[Mapping[str, FixState], Field(min_length=1)]
-    """The states the receiver can be in, by name, from the best to the worst."""
-    state: str | None = None
-    """Pin it to this one, whatever happens to corrections and satellites."""
-    velocity_lag_s: NonNegative = 0.0
-    """Time constant of the receiver's own velocity filter."""
-    position_resolution_m: NonNegative = 0.0
-    """Step of the position output; zero for all digits."""
-    corrections_interval_s: Positive | None = None
-    """Time between two sets of corrections; without it the receiver gets none and reports no age."""
-    corrections_delay_s: NonNegative = 0.0
-    """Age of a set of corrections when it arrives."""
-    corrections_loss_probability: Probability = 0.0
-    """Of losing one set, in each run independently."""
-    age_drift_correlation_s: Positive = 100.0
-    """1/e time of the error rate that old corrections cause."""
-    vertical_speed: VerticalSpeed | None = None
-    """For receivers that give a vertical speed."""
-    heading: AntennaHeading | None = None
-    """For receivers with two antennas."""
-
-    @model_validator(mode="after")
-    def _check_state(self) -> Self:
-        if self.state is not None and self.state not in self.states:
-            raise ValueError(f"state = {self.state!r} is none of the states {', '.join(self.states)}")
-        return self
-
-    @property
-    def usual_state(self) -> FixState:
-        """The one its data sheet is about: the best, or the one it is pinned to."""
-        return self.states[self.state or next(iter(self.states))]
-
-
 class Gnss(Sensor):
-    """GNSS receiver. Hidden columns: errors of all that is measured, and the position's time-correlated part."""
+    """GNSS receiver. Hidden columns: errors of all that is measured, the position's time-correlated part, and TRUE_FIX.
 
-    extra_hidden_columns = tuple(f"{column}.correlated" for column in POSITION)
+    TRUE_FIX is 1 where a fix arrives that is what it says: the receiver is in its state of quality 4, its corrections
+    are younger than that state allows, no fault makes the fix a wrong one, and none changes it on its way.
+    Otherwise, and for receivers that cannot fix, it is 0.
+    """
+
+    extra_hidden_columns = (*(f"{column}.correlated" for column in POSITION), TRUE_FIX)
     inner_faults = RECEIVER_FAULTS
 
     def __init__(
@@ -103,11 +69,25 @@ class Gnss(Sensor):
         self._build_velocity(config)
         self._build_heading(config)
         self._truth = np.full(len(self.columns), np.nan)
+        self._extra = np.zeros((self._runs, len(self.extra_hidden_columns)))
+        self._true_fix_column = self.hidden_columns.index(TRUE_FIX)
+        self._own_position = np.empty((0, 3))
+
+    def sample(self, capture: Capture) -> Sample:
+        """Take the sample that is due, and tell the record whether the fix that arrives is a true one."""
+        sample = super().sample(capture)
+        if self._tampered:
+            unchanged: BoolArray = np.zeros(self._runs, dtype=np.bool_)
+            if sample.measurements:
+                unchanged = (sample.measurements[0].values[:, :3] == self._own_position).all(axis=1)
+            sample.hidden[:, self._true_fix_column] *= unchanged
+        return sample
 
     def _build_receiver(self, config: GnssConfig) -> None:
+        qualities = [state.quality for state in self._table]
         self._disturbances = Disturbances(
             self._faults.inner,
-            qualities=[state.quality for state in self._table],
+            qualities=qualities,
             period_s=self.period_s,
             streams=self._streams,
         )
@@ -117,6 +97,10 @@ class Gnss(Sensor):
             loss=config.corrections_loss_probability,
             streams=self._streams,
         )
+        self._fix = qualities.index(RTK_FIXED) if RTK_FIXED in qualities else -1
+        until_s = self._table[self._fix].until_age_s
+        self._fix_until_ns = NEVER if until_s is None else nanoseconds(until_s)
+        self._tampered = bool(self._faults) or self._dropout_stream is not None
         self._states = FixStates(config.states, pinned=config.state, streams=self._streams)
         self._position_errors = PositionErrors(
             self._table,
@@ -159,6 +143,7 @@ class Gnss(Sensor):
         self._corrections.update(t_ns, link_up=disturbances.link_up, late_ns=disturbances.late_ns)
         self._states.update(t_ns, reference_ns, disturbances.satellites)
         index = self._states.index if disturbances.forced is None else disturbances.forced
+        disturbances.look_at_states(t_ns, index)
         dilutions = self._dilution(disturbances.satellites)
         normals = self._normals.next()
         error = self._position_errors.step(
@@ -174,6 +159,8 @@ class Gnss(Sensor):
         values = np.empty((self._runs, len(self.columns)))
         values[:, :3] = self._digits.apply(error + position)
         self._truth[:3] = position
+        if self._tampered:
+            self._own_position = values[:, :3].copy()
         self._put_velocity(values, capture, index, normals)
         self._put_heading(values, capture.rotation, index)
         self._reports.write(
@@ -186,7 +173,16 @@ class Gnss(Sensor):
         )
         if disturbances.zero_sigmas:
             values[:, self._sigmas] *= 0.0  # what is NaN stays so
-        return Reading(values=values, truth=self._truth, hidden=self._position_errors.correlated)
+        self._extra[:, :3] = self._position_errors.correlated
+        self._extra[:, 3] = self._true_fix(t_ns, index)
+        return Reading(values=values, truth=self._truth, hidden=self._extra)
+
+    def _true_fix(self, t_ns: int, index: IntArray) -> BoolArray:
+        fixed: BoolArray = index == self._fix
+        fixed &= t_ns - self._corrections.reference_ns < self._fix_until_ns
+        if self._disturbances.offset_m is not None:
+            fixed &= ~self._disturbances.offset_m.any(axis=1)
+        return fixed
 
     def _dilution(self, satellites: int) -> FloatArray:
         if satellites not in self._dilution_of:
@@ -218,21 +214,7 @@ class Gnss(Sensor):
 
     def _datasheet(self, config: SensorConfig) -> dict[str, float]:
         assert isinstance(config, GnssConfig)
-        state = config.usual_state
-        east, north, up = state.reported_sigma_m
-        sheet = {
-            "position_noise_m": math.sqrt((east * east + north * north) / 2.0),
-            "height_noise_m": up,
-            "speed_noise_m_s": state.velocity_noise_m_s,
-            "speed_noise_ratio": state.velocity_noise_ratio,
-            "velocity_lag_s": config.velocity_lag_s,
-            "latency_s": config.latency_s,
-        }
-        if config.vertical_speed is not None:
-            sheet["vertical_speed_noise_m_s"] = config.vertical_speed.white_sigma_m_s
-        if config.heading is not None:
-            sheet["heading_noise_rad"] = config.heading.reported_sigma_rad
-        return sheet
+        return datasheet(config)
 
     def _error_sigma(self, config: SensorConfig) -> FloatArray:
         assert isinstance(config, GnssConfig)

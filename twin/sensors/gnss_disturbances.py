@@ -8,7 +8,9 @@ import numpy as np
 
 from twin.errors import BadInputError
 from twin.sensors.faults import FaultAtWork
+from twin.sensors.gnss_fault_processes import BadReacquisitions, Flapping, WrongFix
 from twin.sensors.gnss_faults import (
+    BadReacquisitionFault,
     CorrectionsLostFault,
     CorrectionsOldFault,
     FlappingQualityFault,
@@ -16,52 +18,11 @@ from twin.sensors.gnss_faults import (
     WrongFixFault,
     ZeroCovarianceFault,
 )
-from twin.sensors.gnss_states import NO_POSITION, OPEN_SKY
+from twin.sensors.gnss_states import NO_POSITION, OPEN_SKY, RTK_FIXED
 from twin.sensors.noise import Streams
 from twin.signals import FloatArray, IntArray, nanoseconds
 
-_RTK_FIXED = 4
-_WRONG_FIX_SIGMA_M = (0.2, 0.2, 0.38)
-
-
-class _Flapping:
-    """States that change at random, in each run by itself."""
-
-    def __init__(self, states: Sequence[int], *, probability: float, streams: Streams, process: str) -> None:
-        self._states = np.array(states, dtype=np.int64)
-        self._probability = probability
-        self._stream = streams.uniform(process, 2)
-        self._runs = len(streams.runs)
-        self._place = np.zeros(self._runs, dtype=np.int64)
-
-    def step(self, *, opening: bool) -> IntArray:
-        """Return the state of each run, (R,)."""
-        if opening:
-            self._place = np.zeros(self._runs, dtype=np.int64)
-        else:
-            others = len(self._states) - 1
-            change, choice = self._stream.next().T
-            ahead = 1 + np.floor(choice * others).astype(np.int64)
-            self._place = (self._place + np.where(change < self._probability, ahead, 0)) % len(self._states)
-        return self._states[self._place]
-
-
-class _WrongFix:
-    """An offset that stays as long as the window is open."""
-
-    def __init__(self, fault: WrongFixFault, *, state: int, streams: Streams, process: str) -> None:
-        self.state = state
-        self._sigma = np.array(fault.sigma_m or _WRONG_FIX_SIGMA_M)
-        self._stream = streams.normal(process, 3) if fault.offset_m is None else None
-        self._offset: FloatArray = np.zeros((len(streams.runs), 3))
-        if fault.offset_m is not None:
-            self._offset += fault.offset_m
-
-    def step(self, *, opening: bool) -> FloatArray:
-        """Return the offset, (R, 3)."""
-        if opening and self._stream is not None:
-            self._offset = self._stream.next() * self._sigma
-        return self._offset
+_Process = Flapping | WrongFix | BadReacquisitions
 
 
 class Disturbances:
@@ -97,17 +58,20 @@ class Disturbances:
         self._was_open = [False] * len(self._faults)
         self._processes = [self._process(at_work, period_s=period_s, streams=streams) for at_work in self._faults]
 
-    def _process(self, at_work: FaultAtWork, *, period_s: float, streams: Streams) -> _Flapping | _WrongFix | None:
+    def _process(self, at_work: FaultAtWork, *, period_s: float, streams: Streams) -> _Process | None:
         match at_work.fault:
             case FlappingQualityFault(qualities=qualities, changes_hz=changes_hz):
                 if changes_hz * period_s > 1.0:
                     raise BadInputError(f"{at_work.key}.changes_hz = {changes_hz:g}: more than one a sample")
                 states = [self._state(quality, f"{at_work.key}.qualities") for quality in qualities]
-                return _Flapping(states, probability=changes_hz * period_s, streams=streams, process=at_work.process)
+                return Flapping(states, probability=changes_hz * period_s, streams=streams, process=at_work.process)
             case WrongFixFault() as fault:
-                return _WrongFix(
-                    fault, state=self._state(_RTK_FIXED, at_work.key), streams=streams, process=at_work.process
+                return WrongFix(
+                    fault, state=self._state(RTK_FIXED, at_work.key), streams=streams, process=at_work.process
                 )
+            case BadReacquisitionFault() as fault:
+                state = self._state(RTK_FIXED, at_work.key)
+                return BadReacquisitions(fault, state=state, streams=streams, process=at_work.process)
             case _:
                 return None
 
@@ -131,9 +95,7 @@ class Disturbances:
                 self._act(at_work, self._processes[index], since_ns, opening=not self._was_open[index])
             self._was_open[index] = since_ns is not None
 
-    def _act(
-        self, at_work: FaultAtWork, process: _Flapping | _WrongFix | None, since_ns: int, *, opening: bool
-    ) -> None:
+    def _act(self, at_work: FaultAtWork, process: _Process | None, since_ns: int, *, opening: bool) -> None:
         match at_work.fault:
             case CorrectionsLostFault():
                 self.link_up = False
@@ -146,9 +108,17 @@ class Disturbances:
             case _:
                 self._impose(process, opening=opening)
 
-    def _impose(self, process: _Flapping | _WrongFix | None, *, opening: bool) -> None:
-        if isinstance(process, _Flapping):
+    def _impose(self, process: _Process | None, *, opening: bool) -> None:
+        if isinstance(process, Flapping):
             self.forced = process.step(opening=opening)
-        elif isinstance(process, _WrongFix):
+        elif isinstance(process, WrongFix):
             self.forced = np.full(self._runs, process.state, dtype=np.int64)
             self.offset_m = process.step(opening=opening)
+
+    def look_at_states(self, t_ns: int, index: IntArray) -> None:
+        """Let those faults act that follow the states ``index`` (R,) in which the receivers are now."""
+        for at_work, process in zip(self._faults, self._processes, strict=True):
+            if isinstance(process, BadReacquisitions):
+                offset_m = process.step(t_ns, index, is_open=at_work.since_ns is not None)
+                if offset_m is not None:
+                    self.offset_m = offset_m if self.offset_m is None else self.offset_m + offset_m

@@ -51,12 +51,11 @@ class SatellitesMaskedFault(ReceiverFault):
     satellites: Annotated[int, Field(ge=0)]
 
 
-class WrongFixFault(ReceiverFault):
-    """The receiver fixed its ambiguities wrongly: a constant offset, under quality 4 and with its small sigma."""
+class WrongAmbiguitiesFault(ReceiverFault):
+    """Ambiguities fixed wrongly: a constant offset under quality 4 and its small sigma; speeds are as ever."""
 
-    kind: Literal["wrong_fix"]
     offset_m: Vector3 | None = None
-    """East, north, up; without it, drawn for each run when the window opens."""
+    """East, north, up; without it, drawn for each run and each time anew."""
     sigma_m: Vector3 | None = None
     """Standard deviation of the drawn offset; default 0.2, 0.2, 0.38 m: about a wavelength of L1, vertical x 1.9."""
 
@@ -65,6 +64,24 @@ class WrongFixFault(ReceiverFault):
         if self.offset_m is not None and self.sigma_m is not None:
             raise ValueError("offset_m and sigma_m exclude one another")
         return self
+
+
+class WrongFixFault(WrongAmbiguitiesFault):
+    """The receiver is in quality 4 while the window is open, whatever it lacks, and off by an offset."""
+
+    kind: Literal["wrong_fix"]
+
+
+class BadReacquisitionFault(WrongAmbiguitiesFault):
+    """Each time the receiver comes back to quality 4 in the window, its first fixes are off, all by the same offset.
+
+    Every run fixes again at its own time; it is right again after ``for_s``, as a receiver that checks its ambiguities
+    against the next satellites.
+    """
+
+    kind: Literal["bad_reacquisition"]
+    for_s: Positive = 1.0
+    """How long after coming back fixes are off."""
 
 
 class ZeroCovarianceFault(ReceiverFault):
@@ -94,6 +111,7 @@ AnyReceiverFault = (
     | CorrectionsOldFault
     | SatellitesMaskedFault
     | WrongFixFault
+    | BadReacquisitionFault
     | ZeroCovarianceFault
     | FlappingQualityFault
 )
@@ -104,6 +122,7 @@ RECEIVER_FAULTS = frozenset(
         "corrections_old",
         "satellites_masked",
         "wrong_fix",
+        "bad_reacquisition",
         "zero_covariance",
         "flapping_quality",
     }

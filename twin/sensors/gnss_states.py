@@ -27,6 +27,8 @@ from twin.signals import FloatArray, IntArray, nanoseconds
 
 OPEN_SKY = 2**31
 """More satellites than there are."""
+RTK_FIXED = 4
+"""NMEA quality of a receiver with fixed ambiguities."""
 NO_POSITION = 0
 """NMEA quality of a receiver without a position."""
 WITH_CORRECTIONS = frozenset({2, 4, 5})

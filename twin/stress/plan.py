@@ -109,5 +109,5 @@ def make_plan(
     first = load(path, settings=[*settings, *points[0], *([("seed", seed)] if seed is not None else [])])
     seeds = tuple(range(first.scenario.seed, first.scenario.seed + worlds))
     worlds_of = [load(path, settings=[*settings, *point, ("seed", seeds[0])]).scenario for point in points]
-    sizes = tuple(CLOSED_BLOCK if scenario.driver.listens.closes_loop else BLOCK for scenario in worlds_of)
+    sizes = tuple(CLOSED_BLOCK if scenario.listens.closes_loop else BLOCK for scenario in worlds_of)
     return Plan(path=path, settings=tuple(settings), runs=runs, seeds=seeds, points=points, block_sizes=sizes)

@@ -47,7 +47,7 @@ def run_block(plan: Plan, task: Task) -> TaskResult:
     """
     loaded = plan.load(task.point, task.world)
     runs = plan.members(task)
-    if loaded.scenario.driver.listens.closes_loop:
+    if loaded.scenario.listens.closes_loop:
         return _each_for_itself(loaded, runs)
     return _over_one_truth(loaded, runs)
 

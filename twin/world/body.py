@@ -48,15 +48,16 @@ _FASTEST_JOINT_RAD_S = 1_000.0
 
 
 class PhysicsBody:
-    """A machine loaded from its URDF into a client of its own."""
+    """A machine loaded from its URDF into a client of its own; ``fixed`` holds its root where it is placed."""
 
-    def __init__(self, path: Path, dt_s: float) -> None:
+    def __init__(self, path: Path, dt_s: float, *, fixed: bool = False) -> None:
         self.urdf: Urdf = read_urdf(path)
         self._client: int | None = p.connect(p.DIRECT)
         self._kw: dict[str, Any] = {"physicsClientId": self._client}
         p.setGravity(0.0, 0.0, -STANDARD_GRAVITY_M_S2, **self._kw)
         p.setPhysicsEngineParameter(fixedTimeStep=dt_s, deterministicOverlappingPairs=1, **self._kw)
-        self._body: int = p.loadURDF(str(path), flags=p.URDF_USE_INERTIA_FROM_FILE, **self._kw)
+        self._body: int = p.loadURDF(str(path), useFixedBase=fixed, flags=p.URDF_USE_INERTIA_FROM_FILE, **self._kw)
+        self._fixed = fixed
         names = {
             p.getJointInfo(self._body, j, **self._kw)[1].decode(): j
             for j in range(p.getNumJoints(self._body, **self._kw))
@@ -79,6 +80,8 @@ class PhysicsBody:
         for link, index in zip(self.urdf.links, (_ROOT, *self._indices), strict=True):
             info = p.getDynamicsInfo(self._body, index, **self._kw)
             wanted = (link.mass_kg, *link.inertia_kg_m2, *link.com_m)
+            if self._fixed and index == _ROOT:
+                continue  # what does not move has no mass there
             if not np.allclose((info[0], *info[2], *info[3]), wanted, rtol=1e-9, atol=1e-12):
                 raise BadInputError(f"{self.urdf.path}: pybullet read other mass properties for link {link.name!r}")
 
@@ -92,7 +95,7 @@ class PhysicsBody:
             p.resetJointState(self._body, index, 0.0, 0.0, **self._kw)
 
     def read(self, state: FloatArray) -> tuple[list[float], list[float]]:
-        """Read pose and velocities into ``state``; return joint angles and rates."""
+        """Read pose and velocities into ``state``; return the joints' positions and rates."""
         client, body = self._client, self._body
         position, quaternion = p.getBasePositionAndOrientation(body, physicsClientId=client)
         linear, angular = p.getBaseVelocity(body, physicsClientId=client)

@@ -1,10 +1,11 @@
 """What happens at every physics step, outside pybullet: where every link is, and what the ground does to the wheels.
 
-The machine is a tree: link 0 is the root, link i + 1 hangs on joint i. From the root's pose and velocity and the joint
-angles and rates, :func:`move_links` works out every link's pose and velocity. :func:`ground_forces` sums all forces
-into what the tree needs: one wrench on the root and one moment per joint. That is exact: a force F at a point p of a
-link acts on the generalised coordinates as F and (p - c) x F on the root (c: its centre of mass) and as
-a_j . ((p - p_j) x F) on each joint j between (axis a_j through p_j), and it costs three calls instead of one per wheel.
+The machine is a tree: link 0 is the root, link i + 1 hangs on joint i. From pose and velocity of the root and of the
+joints :func:`move_links` works out every link's pose and velocity. :func:`ground_forces` sums all forces into what the
+tree needs: one wrench on the root and one moment (on a slide, one force) per joint. That is exact: a force F at a point
+p of a link acts on the generalised coordinates as F and (p - c) x F on the root (c: its centre of mass), as
+a_j . ((p - p_j) x F) on each hinge j between (axis a_j through p_j) and as a_j . F on each slide, and it costs three
+calls instead of one per wheel.
 """
 
 # ruff: noqa: PLR0917 (compiled functions are called by position: keywords cost time there)
@@ -27,16 +28,17 @@ from twin.world.tyres import (
     tyre_force,
 )
 
-# Layout of the state read from pybullet: root's centre of mass, quaternion, velocity, angular velocity, then angles
-# and rates of the joints.
+# Layout of the state read from pybullet: root's centre of mass, quaternion, velocity, angular velocity, then positions
+# (rad, m) and rates of the joints.
 POSITION, QUATERNION, LINEAR, ANGULAR, JOINTS = 0, 3, 7, 10, 13
 
 # Layout of a link's row: origin (3), rotation (9, row-major), velocity of the origin (3), angular velocity (3).
 ORIGIN, ROTATION, VELOCITY, RATE = 0, 3, 12, 15
 LINK_COLUMNS = 18
 
-# Layout of a joint's constant row: origin in the parent (3), rotation to the parent (9), axis (3).
-JOINT_COLUMNS = 15
+# Layout of a joint's constant row: origin in the parent (3), rotation to the parent (9), axis (3), 1 if it slides.
+SLIDES = 15
+JOINT_COLUMNS = 16
 
 # Layout of a watched mount's row: position on the link (3), rotation to the link (9).
 MOUNT_COLUMNS = 12
@@ -53,6 +55,9 @@ ACC_POSITION, ACC_ROTATION, ACC_VELOCITY, ACC_FORCE, ACC_RATE, ACC_START, ACC_LA
     27,
 )
 ACCUMULATOR_COLUMNS = 30
+
+# Layout of a soil-engaging point's row: link, position on it (3), force, knee speed.
+TOOL_FORCE = 4
 
 # Layout of a spring's row: joint, stiffness and damping about it, moment at angle zero.
 SPRING_JOINT, SPRING_STIFFNESS, SPRING_DAMPING, SPRING_PRELOAD = range(4)
@@ -92,6 +97,9 @@ def _hang(parent: FloatArray, joint: FloatArray, angle: float, rate: float, chil
     """Place a child link on its parent."""
     ox, oy, oz = joint[0], joint[1], joint[2]
     ax, ay, az = joint[12], joint[13], joint[14]
+    stroke = stroke_rate = 0.0
+    if joint[SLIDES] > 0.0:
+        stroke, stroke_rate, angle, rate = angle, rate, 0.0, 0.0
     cosine, sine = math.cos(angle), math.sin(angle)
     rest = 1.0 - cosine
     turn = (
@@ -107,13 +115,15 @@ def _hang(parent: FloatArray, joint: FloatArray, angle: float, rate: float, chil
         m2 = p0 * joint[5] + p1 * joint[8] + p2 * joint[11]
         for c in range(3):
             child[3 + 3 * r + c] = m0 * turn[0][c] + m1 * turn[1][c] + m2 * turn[2][c]
-        child[r] = p0 * ox + p1 * oy + p2 * oz  # lever arm, for now
-        child[RATE + r] = parent[RATE + r] + rate * (m0 * ax + m1 * ay + m2 * az)
+        axis = m0 * ax + m1 * ay + m2 * az
+        child[r] = p0 * ox + p1 * oy + p2 * oz + stroke * axis  # lever arm, for now
+        child[RATE + r] = parent[RATE + r] + rate * axis
+        child[VELOCITY + r] = stroke_rate * axis
     dx, dy, dz = child[0], child[1], child[2]
     wx, wy, wz = parent[15], parent[16], parent[17]
-    child[12] = parent[12] + wy * dz - wz * dy
-    child[13] = parent[13] + wz * dx - wx * dz
-    child[14] = parent[14] + wx * dy - wy * dx
+    child[12] += parent[12] + wy * dz - wz * dy
+    child[13] += parent[13] + wz * dx - wx * dz
+    child[14] += parent[14] + wx * dy - wy * dx
     child[0], child[1], child[2] = parent[0] + dx, parent[1] + dy, parent[2] + dz
 
 
@@ -169,7 +179,7 @@ def _add_force(
     parents: IntArray, joints: FloatArray, links: FloatArray, link: int, point: tuple[float, float, float],
     force: tuple[float, float, float], com: FloatArray, loads: FloatArray,
 ) -> None:  # fmt: skip
-    """Add a force at a point of a link to ``loads``: force (3) and moment (3) on the root, then a moment per joint."""
+    """Add a force at a point of a link to ``loads``: force (3) and moment (3) on the root, then one per joint."""
     fx, fy, fz = force
     dx, dy, dz = point[0] - com[0], point[1] - com[1], point[2] - com[2]
     loads[0] += fx
@@ -183,8 +193,11 @@ def _add_force(
         ax = row[3] * joint[12] + row[4] * joint[13] + row[5] * joint[14]
         ay = row[6] * joint[12] + row[7] * joint[13] + row[8] * joint[14]
         az = row[9] * joint[12] + row[10] * joint[13] + row[11] * joint[14]
-        dx, dy, dz = point[0] - row[0], point[1] - row[1], point[2] - row[2]
-        loads[5 + link] += ax * (dy * fz - dz * fy) + ay * (dz * fx - dx * fz) + az * (dx * fy - dy * fx)
+        if joint[SLIDES] > 0.0:
+            loads[5 + link] += ax * fx + ay * fy + az * fz
+        else:
+            dx, dy, dz = point[0] - row[0], point[1] - row[1], point[2] - row[2]
+            loads[5 + link] += ax * (dy * fz - dz * fy) + ay * (dz * fx - dx * fz) + az * (dx * fy - dy * fx)
         link = parents[link - 1]
 
 

@@ -20,6 +20,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin.config import Config, Vector3
 from twin.geometry import rotation_from_rpy, rpy_from_rotation
 from twin.signals import Command, FloatArray, Mount
+from twin.world.blade import BladeSpec
 from twin.world.clearance import Outline
 from twin.world.urdf import Urdf, read_urdf
 
@@ -74,11 +75,11 @@ class Actuation:
     """What a drive does to the joints during one step, indexed by joint in the URDF's tree order."""
 
     torque_n_m: FloatArray
-    """(J,) joint torques."""
+    """(J,) torques on hinges, forces on slides."""
     brake_n_m: FloatArray
     """(J,) dry moments of the brakes; the simulation adds rolling resistance."""
     servo_rad_s: list[float]
-    """Rates at which stiff servos drive the joints they hold; zero elsewhere."""
+    """Rates (rad/s, m/s) at which stiff servos drive the joints they hold; zero elsewhere."""
 
 
 class Drive(Protocol):
@@ -121,7 +122,14 @@ class MachineModel:
     """What may not touch a tree."""
     springs: tuple[Spring, ...] = ()
     draughts: tuple[Draught, ...] = ()
-    servo_torque_n_m: float = 50_000.0
+    servo_limit: float = 50_000.0
+    """Moment (N m) or force (N) with which each servo can hold its joint."""
+    fixed: bool = False
+    """The root stands on the ground and does not move: a test bench."""
+    lifts: bool = False
+    """The reference frame is an implement that a slide raises and lowers, and its height counts."""
+    blade: BladeSpec | None = None
+    """With which it moves soil."""
 
 
 class MountConfig(Config):
@@ -177,6 +185,10 @@ class MachineBaseConfig(Config):
     default_bar: ClassVar[BarConfig]
     turns_on_the_spot: ClassVar[bool] = False
     """Whether a driver can ask for a spin."""
+    fixed: ClassVar[bool] = False
+    """Whether it is a bench, whose root does not move."""
+    lifts: ClassVar[bool] = False
+    """Whether the reference frame is an implement that a slide raises and lowers."""
 
     mounts: dict[str, MountConfig] = Field(default_factory=dict)
     """Mounts to add to the machine's own, or to put in their place."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +20,7 @@ from twin.geometry import STANDARD_GRAVITY_M_S2, rotation_from_rpy
 from twin.signals import (
     CLEARANCE,
     HEADING,
+    HEIGHT,
     NS_PER_S,
     POSITION,
     SPEED,
@@ -27,24 +29,32 @@ from twin.signals import (
     Capture,
     Command,
     FloatArray,
+    IntArray,
     Need,
+    Said,
     VehicleState,
     row_position,
     row_speed,
 )
 from twin.world import dynamics, tyres
+from twin.world.assembly import assemble
+from twin.world.blade import BLADE_COLUMNS, Blade
 from twin.world.body import PhysicsBody
 from twin.world.clearance import clearance_m
+from twin.world.ground import build_ground
+from twin.world.levelling import LevellingConfig
 from twin.world.light import LightConfig
 from twin.world.machine import Actuation, MachineBaseConfig, MachineModel
 from twin.world.magnetics import Magnetics, MagneticsConfig
 from twin.world.orchard import TRUNK_COLUMNS, OrchardConfig, planted
 from twin.world.signs import SignConfig, put_up
 from twin.world.soil import Soil, SoilConfig
-from twin.world.statics import spring_preloads, static_loads
-from twin.world.terrain import MARGIN_M, AnyTerrain, Terrain, build_terrain, wanted_extent
+from twin.world.survey import SURVEY_COLUMNS, FieldSurvey
+from twin.world.terrain import AnyTerrain, Terrain
 from twin.world.watch import Watch, mount_row
 
+_SOIL_HZ = 50.0
+"""How often the blade works the ground: every 2 cm at 1 m/s."""
 _SETTLING_S = 4.0
 _SETTLING_DAMPING = 3.0
 _REASONS = {
@@ -82,10 +92,19 @@ class World:
         signs: Sequence[SignConfig] = (),
         magnetics: MagneticsConfig | None = None,
         light: LightConfig | None = None,
+        levelling: LevellingConfig | None = None,
         seed: int,
         dt_ns: int = 2_000_000,
     ) -> None:
         self.terrain = terrain
+        self._blade = None if machine.blade is None else Blade(machine.blade, terrain)
+        self.first_terrain = terrain if self._blade is None else replace(terrain, heights=terrain.heights.copy())
+        """The ground as it was before anything moved."""
+        levelling = levelling if levelling is not None else LevellingConfig()
+        self.design_height_m = levelling.design_height_m
+        self._survey: FieldSurvey | None = None
+        if levelling.area_m is not None:
+            self._survey = FieldSurvey(terrain, levelling.area_m, design_height_m=levelling.design_height_m)
         self.trunks = planted(np.zeros((0, TRUNK_COLUMNS)) if trunks is None else trunks, terrain)
         self.signs = put_up(signs, terrain)
         self._light = light if light is not None else LightConfig()
@@ -95,7 +114,7 @@ class World:
         self.dt_ns = dt_ns
         self.tick = 0
         self._dt_s = dt_ns / NS_PER_S
-        self._body = PhysicsBody(machine.urdf, self._dt_s)
+        self._body = PhysicsBody(machine.urdf, self._dt_s, fixed=machine.fixed)
         self._open = ExitStack()
         self._open.callback(self._body.close)
         try:
@@ -110,53 +129,25 @@ class World:
     def _prepare(self, soil: Soil) -> None:
         urdf, machine = self._body.urdf, self.machine
         joints = len(urdf.joints)
-        self._parents = np.array(urdf.parent_indices(), dtype=np.int64)
-        self._joints = np.array(
-            [(*j.origin_m, *rotation_from_rpy(*j.origin_rpy).ravel(), *j.axis) for j in urdf.joints]
-        )
-        self._com = np.array(urdf.links[0].com_m)
+        self._drive = machine.drive(urdf)
+        self._parts = assemble(urdf, machine, soil, servos=self._drive.servos)
         self._state = np.zeros(dynamics.JOINTS + 2 * joints)
         self._links = np.zeros((joints + 1, dynamics.LINK_COLUMNS))
         self._loads = np.zeros(6 + joints)
-        self._drive = machine.drive(urdf)
         self._command = Command(brake=True)
         self._actuation = Actuation(torque_n_m=np.zeros(joints), brake_n_m=np.zeros(joints), servo_rad_s=[0.0] * joints)
         self._limits = np.zeros(joints)
-        self._limits[list(self._drive.servos)] = machine.servo_torque_n_m
-        self._wheel_joints = np.array([urdf.joint_index(wheel.joint) for wheel in machine.wheels], dtype=np.int64)
-        names, sprung = [wheel.joint for wheel in machine.wheels], [spring.joint for spring in machine.springs]
-        loads = static_loads(urdf, names, sprung)
-        preloads = spring_preloads(urdf, names, sprung, loads)
-        self._springs = np.array(
-            [
-                (urdf.joint_index(s.joint), s.stiffness_n_m_rad, s.damping_n_m_s_rad, preload)
-                for s, preload in zip(machine.springs, preloads, strict=True)
-            ]
-        ).reshape(-1, 4)
-        self._wheels = np.array(
-            [
-                tyres.wheel_parameters(wheel, soil, static_load_n=load, spin_inertia_kg_m2=self._spin_inertia(joint))
-                for wheel, load, joint in zip(machine.wheels, loads, self._wheel_joints, strict=True)
-            ]
-        )
-        self._static_sinkage_m = float(np.mean(loads / self._wheels[:, tyres.STIFFNESS]))
+        self._limits[list(self._drive.servos)] = machine.servo_limit
         self._rolling_resistance = soil.rolling_resistance
         self._deflections = np.zeros((len(machine.wheels), 2))
         self._results = np.zeros((len(machine.wheels), tyres.WHEEL_RESULTS))
-        self._tools = np.array(
-            [
-                (urdf.link_index(d.body), d.x_m, y, d.z_m, d.force_n / len(d.y_m), d.knee_m_s)
-                for d in machine.draughts
-                for y in d.y_m
-            ]
-        ).reshape(-1, 6)
         self._reference_body = urdf.link_index(machine.reference.body)
         self._reference = mount_row(machine.reference)
         self._rows = np.array(machine.rows_y_m)
         self._watch = Watch(
             urdf=urdf,
             links=self._links,
-            joint_angles=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
+            joint_positions=self._state[dynamics.JOINTS : dynamics.JOINTS + joints],
             terrain=self.terrain,
             trunks=self.trunks,
             signs=self.signs,
@@ -167,23 +158,24 @@ class World:
         )
         self._open.callback(self._watch.close)
         self._grid = (terrain := self.terrain).west_m, terrain.south_m, terrain.cell_m
+        self._blade_link = 0 if machine.blade is None else urdf.link_index(machine.blade.body)
+        # none while the machine settles: the clock has not begun
+        self._soil_ticks = 0
         self.truth_columns = self._name_columns()
         self._truth_head = np.zeros(11 + 3 * len(self._rows))
-
-    def _spin_inertia(self, joint: int) -> float:
-        axis = np.array(self._body.urdf.joints[joint].axis)
-        return float(np.abs(axis) @ np.array(self._body.urdf.links[joint + 1].inertia_kg_m2))
 
     def _name_columns(self) -> tuple[str, ...]:
         rows = range(1, len(self._rows) + 1)
         head = (*POSITION, *VELOCITY, HEADING, "roll_rad", "pitch_rad", SPEED, YAW_RATE)
         per_row = tuple(name for row in rows for name in (row_speed(row), *row_position(row)))
         drawing = ("base_e_m", "base_n_m", "base_u_m", "base_qx", "base_qy", "base_qz", "base_qw")
-        joints = tuple(f"joint.{joint.name}_rad" for joint in self._body.urdf.joints)
+        joints = tuple(joint.column for joint in self._body.urdf.joints)
         vehicle = ("vehicle_e_m", "vehicle_n_m", "vehicle_heading_rad", "vehicle_speed_m_s")
         wheels = tuple(f"{wheel.joint}.{name}" for wheel in self.machine.wheels for name, _ in _WHEEL_COLUMNS)
         near = (CLEARANCE,) if len(self.trunks) else ()
-        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels + near
+        height = (HEIGHT,) if self.machine.lifts else ()
+        soil = (BLADE_COLUMNS if self._blade is not None else ()) + (SURVEY_COLUMNS if self._survey is not None else ())
+        return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels + near + height + soil
 
     # --- start -------------------------------------------------------------------------------------------------------
 
@@ -192,7 +184,7 @@ class World:
         east, north, heading = self.machine.start
         self._body.place(*self._pose_on_ground(east, north, heading))
         self._read()
-        dampers = self._wheels[:, tyres.DAMPING], self._springs[:, dynamics.SPRING_DAMPING]
+        dampers = self._parts.wheels[:, tyres.DAMPING], self._parts.springs[:, dynamics.SPRING_DAMPING]
         figures = [damper.copy() for damper in dampers]
         for damper, figure in zip(dampers, figures, strict=True):
             damper[:] = _SETTLING_DAMPING * figure
@@ -204,19 +196,23 @@ class World:
             damper[:] = figure
         self._drive.reset()
         self.tick = 0
+        if self._blade is not None:
+            self._soil_ticks = max(1, round(1.0 / _SOIL_HZ / self._dt_s))
         if self.touching:
             raise BadInputError("machine.start: the machine touches a tree at its start")
 
     def _pose_on_ground(self, east: float, north: float, heading: float) -> tuple[FloatArray, FloatArray]:
         """Position and roll, pitch, yaw of the root that lay the wheels on the ground's mean plane."""
-        urdf = self._body.urdf
+        if self.machine.fixed:
+            return np.array([east, north, self._height_at_start(east, north)]), np.array([0.0, 0.0, heading])
+        urdf, parts = self._body.urdf, self._parts
         turn = rotation_from_rpy(0.0, 0.0, heading)
-        hubs = np.array([urdf.zero_pose(urdf.links[j + 1].name)[0] for j in self._wheel_joints])
+        hubs = np.array([urdf.zero_pose(urdf.links[j + 1].name)[0] for j in parts.wheel_joints])
         spots = hubs @ turn.T + np.array([east, north, 0.0])
         ground = np.array([self._height_at_start(x, y) for x, y, _ in spots])
         design = np.column_stack([np.ones(len(hubs)), hubs[:, 0], hubs[:, 1]])
         level, ahead, left = np.linalg.lstsq(design, ground, rcond=None)[0]
-        bottom = hubs[:, 2] - self._wheels[:, tyres.RADIUS] + self._static_sinkage_m
+        bottom = hubs[:, 2] - parts.wheels[:, tyres.RADIUS] + parts.static_sinkage_m
         position = np.array([east, north, level - float(np.mean(bottom))])
         return position, np.array([math.atan(left), -math.atan(ahead), heading])
 
@@ -235,15 +231,17 @@ class World:
             WorldEndedError: the machine tipped over, left the terrain, or the simulation diverged.
         """
         body, drive, actuation, command = self._body, self._drive, self._actuation, self._command
-        state, loads, limits, dt, count = self._state, self._loads, self._limits, self._dt_s, len(self._joints)
-        tree = self._parents, self._joints
+        state, loads, limits, dt = self._state, self._loads, self._limits, self._dt_s
+        parts, count = self._parts, len(self._parts.joints)
+        tree = parts.parents, parts.joints
         ground: tuple[Any, ...] = (
-            state, self._links, self._wheel_joints, self._wheels, self._deflections, self._results,
-            self.terrain.heights, *self._grid, self._tools, self._springs, self._rolling_resistance,
+            state, self._links, parts.wheel_joints, parts.wheels, self._deflections, self._results,
+            self.terrain.heights, *self._grid, parts.tools, parts.springs, self._rolling_resistance,
             actuation.torque_n_m, actuation.brake_n_m, dt, loads, limits,
         )  # fmt: skip
+        soil_ticks = self._soil_ticks
         watched = self._watch.bodies, self._watch.mounts, self._watch.sums
-        mounts: tuple[Any, ...] = self._com, state, self._links, *watched, dt, STANDARD_GRAVITY_M_S2
+        mounts: tuple[Any, ...] = parts.root_com, state, self._links, *watched, dt, STANDARD_GRAVITY_M_S2
         q = state[dynamics.JOINTS : dynamics.JOINTS + count].tolist()
         qd = state[dynamics.JOINTS + count :].tolist()
         while self.tick < to_tick:
@@ -254,10 +252,32 @@ class World:
             q, qd = body.step(state, loads.tolist(), actuation.servo_rad_s, limits.tolist())
             dynamics.motion(*tree, *mounts)
             self.tick += 1
+            if soil_ticks and self.tick % soil_ticks == 0:
+                self._move_soil()
+
+    def _move_soil(self) -> None:
+        """Let the blade work the ground up to where it is now, and feel what that takes."""
+        blade = self._blade
+        assert blade is not None
+        blade.step(self._links[self._blade_link])
+        self._parts.tools[-1, dynamics.TOOL_FORCE] = blade.draught_n
+
+    def drain_ground(self) -> tuple[IntArray, FloatArray]:
+        """Cells of the terrain whose height changed since the last call (flat indices) and their heights, (n,) each."""
+        if self._blade is None:
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        cells = self._blade.drain_changes()
+        return cells, self.terrain.heights.ravel()[cells]
+
+    @property
+    def moves_soil(self) -> bool:
+        """Whether the machine has a blade."""
+        return self._blade is not None
 
     def _read(self) -> None:
         self._body.read(self._state)
-        dynamics.move_links(self._parents, self._joints, self._com, self._state, self._links)
+        parts = self._parts
+        dynamics.move_links(parts.parents, parts.joints, parts.root_com, self._state, self._links)
 
     def command(self, command: Command) -> None:
         """Take what a driver asks for, from the next step on."""
@@ -282,21 +302,31 @@ class World:
             steering_rad=self._drive.steering_rad,
         )
 
+    def implement(self) -> Said:
+        """Height of the reference frame above the design plane, and its vertical speed, as they are now."""
+        dynamics.reference_truth(self._links, self._reference_body, self._reference, self._rows, self._truth_head)
+        head = self._truth_head
+        values = {HEIGHT: float(head[2]) - self.design_height_m, VELOCITY[2]: float(head[5])}
+        return Said(t_ns=self.tick * self.dt_ns, values=values)
+
     def truth(self) -> FloatArray:
         """Values of ``truth_columns`` at the current tick, shape (n,)."""
         dynamics.reference_truth(self._links, self._reference_body, self._reference, self._rows, self._truth_head)
-        state, count, vehicle = self._state, len(self._joints), self.vehicle()
-        angles = state[dynamics.JOINTS : dynamics.JOINTS + count]
+        state, count, vehicle = self._state, len(self._parts.joints), self.vehicle()
+        positions = state[dynamics.JOINTS : dynamics.JOINTS + count]
         return np.concatenate(
             [
                 self._truth_head,
                 self._links[0, :3],
                 state[dynamics.QUATERNION : dynamics.QUATERNION + 4],
-                angles,
+                positions,
                 (vehicle.east_m, vehicle.north_m, vehicle.heading_rad, vehicle.speed_m_s),
                 self._drive.diagnostics(),
                 self._results[:, [index for _, index in _WHEEL_COLUMNS]].ravel(),
                 [self._clearance(vehicle)] if len(self.trunks) else [],
+                [self._truth_head[2] - self.design_height_m] if self.machine.lifts else [],
+                () if self._blade is None else self._blade.truth(),
+                () if self._survey is None else self._survey.truth(self.tick * self.dt_ns),
             ]
         )
 
@@ -334,7 +364,7 @@ class World:
     def energy_j(self) -> float:
         """Kinetic, potential and spring energy of the machine, J (tyres as of the latest step's forces)."""
         total = float(np.sum(self._results[:, tyres.SPRING]))
-        for joint, stiffness, _, preload in self._springs:
+        for joint, stiffness, _, preload in self._parts.springs:
             angle = float(self._state[dynamics.JOINTS + int(joint)])
             total += 0.5 * stiffness * angle**2 - preload * angle
         for link, row in zip(self._body.urdf.links, self._links, strict=True):
@@ -371,41 +401,23 @@ def build_world(
     signs: Sequence[SignConfig] = (),
     magnetics: MagneticsConfig | None = None,
     light: LightConfig | None = None,
+    levelling: LevellingConfig | None = None,
 ) -> World:
-    """Make the world of a scenario.
-
-    ``path`` (N, 2) is what the driver plans to follow (east and north of the middle of the rear axle): the terrain is
-    made to cover it with the machine's reach around (and all trees and signs), or, if its size is configured, has to.
+    """Make the world of a scenario; ``path`` as in :func:`twin.world.ground.build_ground`.
 
     Raises:
         BadInputError: the terrain cannot be made, or the path leaves it.
     """
-    model = machine.model(seed)
-    points = np.array([model.start[:2]]) if path is None else np.vstack([path[:, :2], model.start[:2]])
-    wanted = wanted_extent(points, machine.reach_m)
-    trunks = orchard.trunks(seed) if orchard is not None else np.zeros((0, TRUNK_COLUMNS))
-    posts = np.array([(sign.east_m, sign.north_m) for sign in signs]).reshape(-1, 2)
-    covered = wanted_extent(np.vstack([points, trunks[:, :2], posts]), machine.reach_m)
-    ground = build_terrain(terrain, seed=seed, extent=covered)
-    west, south, east, north = ground.extent
-    if (
-        wanted[0] + MARGIN_M < west
-        or wanted[1] + MARGIN_M < south
-        or (wanted[2] - MARGIN_M > east or wanted[3] - MARGIN_M > north)
-    ):
-        raise BadInputError(
-            f"driver: the planned path leaves the terrain: with the machine around it, it needs east {wanted[0]:.0f} to"
-            f" {wanted[2]:.0f} m and north {wanted[1]:.0f} to {wanted[3]:.0f} m; the terrain is {west:.0f} to"
-            f" {east:.0f} m by {south:.0f} to {north:.0f} m"
-        )
+    ground = build_ground(terrain, machine, seed=seed, path=path, orchard=orchard, signs=signs)
     return World(
         terrain=ground,
         soil=soil.soil(),
-        machine=model,
-        trunks=trunks,
+        machine=machine.model(seed),
+        trunks=orchard.trunks(seed) if orchard is not None else None,
         signs=signs,
         magnetics=magnetics,
         light=light,
+        levelling=levelling,
         seed=seed,
         dt_ns=dt_ns,
     )

@@ -12,19 +12,19 @@ from twin.signals import FloatArray
 from twin.world.urdf import Urdf
 
 
-def static_loads(urdf: Urdf, wheel_joints: Sequence[str], sprung_joints: Sequence[str] = ()) -> FloatArray:
+def static_loads(urdf: Urdf, wheel_joints: Sequence[str], carried_joints: Sequence[str] = ()) -> FloatArray:
     """Wheel loads, N, of a machine standing level with all joints at zero.
 
     Virtual work: the vertical forces of weights and wheels must do none when the root heaves, rolls or pitches, nor
-    when any hinge turns, but for ``sprung_joints``, whose springs do. Where that leaves freedom (four wheels in a row)
-    the loads of least squares are taken.
+    when any joint moves, but for ``carried_joints``, whose springs or servos do. Where that leaves freedom (four wheels
+    in a row) the loads of least squares are taken.
 
     Raises:
         BadInputError: the wheels cannot carry the machine.
     """
     weight, lifts = _balance(urdf, wheel_joints)
     free = np.ones(len(weight), dtype=bool)
-    free[[3 + urdf.joint_index(joint) for joint in sprung_joints]] = False
+    free[[3 + urdf.joint_index(joint) for joint in carried_joints]] = False
     loads: FloatArray = np.asarray(np.linalg.lstsq(lifts[free], weight[free], rcond=None)[0], dtype=np.float64)
     if np.abs(lifts[free] @ loads - weight[free]).max() > 1e-6 * weight[0] or loads.min() <= 0.0:
         raise BadInputError(f"{urdf.path}: the machine cannot stand on its wheels (loads {np.round(loads)} N)")
@@ -67,7 +67,7 @@ class _Place:
 
 
 def _work(urdf: Urdf, places: Sequence[_Place], link: str, point: FloatArray) -> FloatArray:
-    """Work of a unit upward force at a point of a link, per unit of heave, roll, pitch and each joint's turn."""
+    """Work of a unit upward force at a point of a link, per unit of heave, roll, pitch and each joint's motion."""
     work = np.zeros(3 + len(urdf.joints))
     work[:3] = 1.0, point[1], -point[0]
     by_child = {joint.child: index for index, joint in enumerate(urdf.joints)}
@@ -75,6 +75,7 @@ def _work(urdf: Urdf, places: Sequence[_Place], link: str, point: FloatArray) ->
         index = by_child[link]
         place = places[index + 1]
         arm = point - place.position
-        work[3 + index] = place.direction(urdf.joints[index].axis) @ np.array([arm[1], -arm[0], 0.0])
+        lift = np.array([0.0, 0.0, 1.0] if urdf.joints[index].slides else [arm[1], -arm[0], 0.0])
+        work[3 + index] = place.direction(urdf.joints[index].axis) @ lift
         link = urdf.joints[index].parent
     return work

@@ -5,7 +5,8 @@ for axle torque, which follows with a first-order lag, within limits; an open di
 follows the command with limited acceleration. Steering: the wheel angle follows the command with a first-order lag, a
 rate limit and end stops; the two front wheels stand on one centre (Ackermann). These figures are choices in the range
 of medium tractors; a hydraulic steering rate near 0.4 rad/s takes about 3 s from stop to stop. Any front-steered,
-rear-driven machine can have it, with figures of its own.
+rear-driven machine can have it, with figures of its own, and so can one with driven front wheels: their axle gets a
+share of the force, and a shaft between the axles, seen as a damper, keeps one from spinning while the other grips.
 """
 
 from __future__ import annotations
@@ -44,6 +45,14 @@ class TractorSpec:
     """End stop of the equivalent single wheel."""
     brake_n_m: float = 30_000.0
     """Dry moment of each rear brake."""
+    front_wheels: tuple[str, str] | None = None
+    """Spin joints of driven front wheels, left and right."""
+    front_radius_m: float = 0.0
+    """Of the loaded driven front wheels."""
+    front_share: float = 0.0
+    """Part of the traction force that driven front wheels get."""
+    coupling_n_s_m: float = 0.0
+    """Force that goes to the slower axle per difference of the speeds at which the axles' wheels roll."""
 
 
 _GOVERNOR_1_S = 3.0
@@ -61,6 +70,7 @@ class TractorDrive:
         self._spec = spec
         self._left, self._right = (urdf.joint_index(name) for name in spec.rear_wheels)
         self._knuckle_left, self._knuckle_right = (urdf.joint_index(name) for name in spec.knuckles)
+        self._front = tuple(urdf.joint_index(name) for name in spec.front_wheels or ())
         self.servos: tuple[int, ...] = (self._knuckle_left, self._knuckle_right)
         self.engaged = True
         self.current_a = 0.0
@@ -73,15 +83,18 @@ class TractorDrive:
     def step(self, command: Command, q: list[float], qd: list[float], dt_s: float, out: Actuation) -> None:
         """Advance by one step from joint angles and rates, and fill ``out``."""
         self._steer(command.steering_rad, q, dt_s, out)
-        torque = 0.0
+        force = 0.0
         if command.brake or not self.engaged:
             self._setpoint_m_s = self._integral_n = self._force_n = 0.0
         else:
-            torque = self._govern(command.speed_m_s, 0.5 * (qd[self._left] + qd[self._right]), dt_s)
+            force = self._govern(command.speed_m_s, 0.5 * (qd[self._left] + qd[self._right]), dt_s)
+        to_front = self._to_front_n(force, qd) if self._front else 0.0
         brake = self._spec.brake_n_m if command.brake else 0.0
         for joint in (self._left, self._right):
-            out.torque_n_m[joint] = 0.5 * torque
+            out.torque_n_m[joint] = 0.5 * (force - to_front) * self._spec.rolling_radius_m
             out.brake_n_m[joint] = brake
+        for joint in self._front:
+            out.torque_n_m[joint] = 0.5 * to_front * self._spec.front_radius_m
 
     def _govern(self, wanted_m_s: float, wheel_rad_s: float, dt_s: float) -> float:
         spec = self._spec
@@ -95,7 +108,13 @@ class TractorDrive:
         if asked == bounded:
             self._integral_n += gain / _INTEGRAL_S * error * dt_s
         self._force_n += (bounded - self._force_n) * dt_s / (spec.torque_lag_s + dt_s)
-        return self._force_n * spec.rolling_radius_m
+        return self._force_n
+
+    def _to_front_n(self, force_n: float, qd: list[float]) -> float:
+        spec = self._spec
+        rear = 0.5 * (qd[self._left] + qd[self._right]) * spec.rolling_radius_m
+        front = 0.5 * sum(qd[joint] for joint in self._front) * spec.front_radius_m
+        return spec.front_share * force_n + spec.coupling_n_s_m * (rear - front)
 
     def _steer(self, wanted_rad: float, q: list[float], dt_s: float, out: Actuation) -> None:
         spec = self._spec

@@ -1,7 +1,7 @@
 """Reads a machine's URDF: links with mass properties, joints as a tree.
 
-Only what our machines use is allowed: one root, revolute and continuous joints (rigid parts are visuals of a link,
-or mounts), inertial frames parallel to the link frame and without products of inertia.
+Only what our machines use is allowed: one root, revolute, continuous and prismatic joints (rigid parts are visuals of
+a link, or mounts), inertial frames parallel to the link frame and without products of inertia.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """A hinge: ``origin`` places the child's frame in the parent's at angle zero; the axis is the child's."""
+    """A hinge or a slide: ``origin`` places the child's frame in the parent's at zero; the axis is the child's."""
 
     name: str
     parent: str
@@ -41,6 +41,13 @@ class Joint:
     origin_m: Triple
     origin_rpy: Triple
     axis: Triple
+    slides: bool
+    """Whether the child is pushed along the axis, instead of turned about it."""
+
+    @property
+    def column(self) -> str:
+        """Name of its position in the truth, with its unit."""
+        return f"joint.{self.name}_{'m' if self.slides else 'rad'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,8 +148,8 @@ def _link(element: ET.Element, path: Path) -> Link:
 
 def _joint(element: ET.Element, path: Path) -> Joint:
     name, kind = element.attrib["name"], element.attrib["type"]
-    if kind not in {"revolute", "continuous"}:
-        raise BadInputError(f"{path}: joint {name!r} is {kind}; only revolute and continuous joints are modelled")
+    if kind not in {"revolute", "continuous", "prismatic"}:
+        raise BadInputError(f"{path}: joint {name!r} is {kind}; expected revolute, continuous or prismatic")
     parent, child, axis = element.find("parent"), element.find("child"), element.find("axis")
     if parent is None or child is None or axis is None:
         raise BadInputError(f"{path}: joint {name!r} lacks parent, child or axis")
@@ -157,4 +164,5 @@ def _joint(element: ET.Element, path: Path) -> Joint:
         origin_m=origin_m,
         origin_rpy=origin_rpy,
         axis=direction,
+        slides=kind == "prismatic",
     )

@@ -49,7 +49,7 @@ class Watch:
     Args:
         urdf: the machine.
         links: rows of all links; read whenever something is captured.
-        joint_angles: (J,) angles of all joints, likewise.
+        joint_positions: (J,) positions of all joints, likewise.
         terrain: the ground.
         trunks: the trees on it (see :mod:`twin.world.orchard`).
         signs: the stop signs on it (see :mod:`twin.world.signs`).
@@ -64,7 +64,7 @@ class Watch:
         *,
         urdf: Urdf,
         links: FloatArray,
-        joint_angles: FloatArray,
+        joint_positions: FloatArray,
         terrain: Terrain,
         trunks: FloatArray,
         signs: FloatArray,
@@ -79,7 +79,7 @@ class Watch:
         self.sums = np.zeros((0, dynamics.ACCUMULATOR_COLUMNS))
         self._urdf = urdf
         self._links = links
-        self._angles = joint_angles
+        self._joint_positions = joint_positions
         self._terrain = terrain
         self._trunks = trunks
         self._signs = signs
@@ -113,7 +113,7 @@ class Watch:
             case JointNeed():
                 position, _ = self._pose(need.mount)
                 return JointMotion(
-                    t_ns=tick * self._dt_ns, position_enu_m=position, position=self._angles[self._joints[name]]
+                    t_ns=tick * self._dt_ns, position_enu_m=position, position=self._joint_positions[self._joints[name]]
                 )
             case MagneticNeed():
                 position, rotation = self._pose(need.mount)

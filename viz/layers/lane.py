@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from twin.recording import sigma_column
-from twin.signals import CLEARANCE, LANE_OFFSET, FloatArray, IntArray
+from twin.signals import CLEARANCE, LANE_OFFSET, FloatArray, IntArray, sigma_column
 from viz import entities
 from viz.layers.plots import PLOT_HZ
 from viz.sheet import PanelKind, Run, Sheet

@@ -9,8 +9,8 @@ import numpy as np
 import rerun as rr
 
 from twin.geometry import wrap_angle
-from twin.recording import Stream, sigma_column
-from twin.signals import HEADING, POSITION, SPEED, YAW_RATE, FloatArray, IntArray, row_speed, wraps
+from twin.recording import Stream
+from twin.signals import HEADING, POSITION, SPEED, YAW_RATE, FloatArray, IntArray, row_speed, sigma_column, wraps
 from viz import entities
 from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import thin
