@@ -10,8 +10,8 @@ from twin.jpeg import EncodedPicture
 from twin.pictures import Pictures
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
-from twin.scoring.reacquisition import TRUE_FIX
 from twin.sensors import Sample, Sensor, build_sensor
+from twin.sensors.gnss import TRUE_FIX
 from twin.signals import Capture, Event, Measurement, Need, Said
 
 
