@@ -10,8 +10,8 @@ from twin.jpeg import EncodedPicture
 from twin.pictures import Pictures
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
-from twin.scoring.reacquisition import TRUE_FIX
 from twin.sensors import Sample, Sensor, build_sensor
+from twin.sensors.gnss import TRUE_FIX
 from twin.signals import Capture, Event, Measurement, Need, Said
 
 
@@ -196,9 +196,9 @@ def require_columns(
     Raises:
         BadInputError: naming the column.
     """
-    given = {**estimates, **measurements}
     for section, controller in scenario.controllers.items():
         for name, columns in controller.needed_columns.items():
+            given = estimates if name in controller.listens.estimators else measurements
             missing = [column for column in columns if column not in given[name]]
             if missing:
                 raise BadInputError(

@@ -150,6 +150,8 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         if point.label:
             reporter.line(Text(point.label, style="bold"))
         reporter.table(_distribution(merged, point))
+        if point.pooled:
+            reporter.table(_honesty(point))
         if point.consistency:
             reporter.table(_consistency(point))
         for outcome in point.outcomes:
@@ -166,6 +168,21 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         last.append(f": {timing['single_s'] / share:.0f} times faster per member than alone")
     reporter.line(last)
     reporter.line(f"files: {folder} ({', '.join(pictures)}, members.parquet, envelopes.parquet)")
+
+
+def _honesty(point: Point) -> Table:
+    """A line per estimator, a column per pooled figure."""
+    lines: dict[str, dict[str, float]] = {}
+    for name, value in point.pooled.items():
+        estimator, _, metric = name.partition(".")
+        lines.setdefault(estimator, {})[metric.partition(".")[2].replace("_", " ")] = value
+    headings = list(dict.fromkeys(heading for line in lines.values() for heading in line))
+    table = Table("estimator", title="Honesty, all members of all worlds together")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for estimator, line in lines.items():
+        table.add_row(estimator, *(figure(line.get(heading)) for heading in headings))
+    return table
 
 
 def _consistency(point: Point) -> Table:

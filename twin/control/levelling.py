@@ -7,9 +7,9 @@ what the ground does to the machine, and goes on for so long:
 
     h_ahead = h + (L(t + T) - L(t)) + T (v_h - L'(t)),     v = k (h_wanted - h_ahead),     T = dead time + lag.
 
-With the lift's own delay out of the loop, k is bounded by what the model does not know; 5 per second keeps a gain margin
-of 1.5 even if the delay were not modelled at all (pi / 2 / 0.2 s = 7.9 per second). A dead band keeps the valve quiet.
-An estimator that tells no vertical speed is followed without the ground's part.
+With the lift's own delay out of the loop, k is bounded by what the model does not know; 5 per second keeps a gain
+margin of 1.5 even if the delay were not modelled at all (pi / 2 / 0.2 s = 7.9 per second). A dead band keeps the valve
+quiet. An estimator that tells no vertical speed is followed without the ground's part.
 
 The blade is lifted out of the ground, to the stop of its lift, where the driver wants it raised (headland turns), and,
 with ``raise_when_sigma_m``, as long as the estimator's own sigma of the height is larger: it has lost the height and

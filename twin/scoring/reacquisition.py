@@ -15,9 +15,9 @@ import numpy as np
 
 from twin.families import Tolerance
 from twin.recording import Stream
+from twin.sensors.gnss import TRUE_FIX
 from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
-TRUE_FIX = "true_fix"
 _JUMP_WINDOW_NS = NS_PER_S
 _HOLD_NS = NS_PER_S
 _NEVER = np.iinfo(np.int64).max // 2

@@ -20,7 +20,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin.config import Config, Vector3
 from twin.geometry import rotation_from_rpy, rpy_from_rotation
 from twin.signals import Command, FloatArray, Mount
-from twin.world.blade import BladeSpec
+from twin.world.blade_spec import BladeSpec
 from twin.world.clearance import Outline
 from twin.world.urdf import Urdf, read_urdf
 

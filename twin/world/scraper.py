@@ -35,7 +35,7 @@ from pydantic import Field
 from twin import paths
 from twin.config import Positive
 from twin.signals import Command
-from twin.world.blade import BladeSpec
+from twin.world.blade_spec import BladeSpec
 from twin.world.clearance import Outline
 from twin.world.lift import LIFT_COLUMNS, Lift, LiftSpec
 from twin.world.machine import Actuation, BarConfig, Draught, MachineBaseConfig, MachineModel, MountConfig, Wheel
