@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.signals import FloatArray
-from twin.world.blade import BladeSpec
+from twin.world.blade_spec import BladeSpec
 from twin.world.levelling import LevellingConfig
 from viz.magnetic import MagneticPieces
 

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from twin.signals import FloatArray
-from twin.world.blade import BladeSpec
+from twin.world.blade_spec import BladeSpec
 from viz import entities
 from viz.sheet import Run, Sheet
 from viz.thinning import steps, thin
