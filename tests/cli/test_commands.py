@@ -289,7 +289,7 @@ def test_a_terminated_stress_test_leaves_hidden_parts_only(tmp_path: Path) -> No
     )
     parts = tmp_path / "runs" / "small"
     deadline = time.monotonic() + 60.0
-    while not list(parts.glob(".stress-*/point*world0_*.npz")) and time.monotonic() < deadline:
+    while not list(parts.glob(".stress-*/point*world0_block0.npz")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=60)

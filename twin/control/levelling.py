@@ -14,6 +14,9 @@ quiet. An estimator that tells no vertical speed is followed without the ground'
 The blade is lifted out of the ground, to the stop of its lift, where the driver wants it raised (headland turns), and,
 with ``raise_when_sigma_m``, as long as the estimator's own sigma of the height is larger: it has lost the height and
 knows it. An estimator that has not spoken, or says NaN, keeps the blade up too.
+
+Whoever sits on the machine sees how full the blade is. From ``ease_from_share`` of what it holds on he lets it ride up,
+by ``ease_m`` when it is full, rather than leave windrows of what it spills: that soil is for the next round.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from twin.config import Config, NonNegative, Positive
-from twin.signals import HEIGHT, VELOCITY, Command, Knowledge, Listening, Said, sigma_column
+from twin.signals import HEIGHT, LOAD_SHARE, VELOCITY, Command, Knowledge, Listening, Said, sigma_column
 
 TRUTH = "truth"
 _UP_M_S = 1.0
@@ -55,6 +58,10 @@ class LevellingControlConfig(Config):
     """Errors up to this leave the valve shut."""
     target_m: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
     """Height wanted, above the design plane."""
+    ease_from_share: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.7
+    """Share of the blade's capacity from which on it is eased."""
+    ease_m: NonNegative = 0.05
+    """By so much when it is full."""
     raise_when_sigma_m: Positive | None = None
     """Lift the blade as long as the estimator's sigma of the height is larger; without it never."""
 
@@ -90,7 +97,8 @@ class LevellingControl:
         height_m = math.nan if said is None else said.values[HEIGHT]
         if said is None or command.raised or not math.isfinite(height_m) or self._lost(said):
             return _UP_M_S
-        error_m = self._config.target_m - height_m - self._lift.under_way_m - self._ground_rise(said)
+        target_m = self._config.target_m + self._eased_m(knowledge)
+        error_m = target_m - height_m - self._lift.under_way_m - self._ground_rise(said)
         return 0.0 if abs(error_m) <= self._config.dead_band_m else self._config.gain_1_s * error_m
 
     def _ground_rise(self, said: Said) -> float:
@@ -98,6 +106,12 @@ class LevellingControl:
         rise = said.values.get(VELOCITY[2], math.nan)
         delay_s = self._config.dead_time_s + self._config.lag_s
         return delay_s * (rise - self._lift.speed_m_s) if math.isfinite(rise) else 0.0
+
+    def _eased_m(self, knowledge: Knowledge) -> float:
+        """By how much a full blade is let up."""
+        seen = {} if knowledge.implement is None else knowledge.implement.values
+        start = self._config.ease_from_share
+        return self._config.ease_m * min(max((seen.get(LOAD_SHARE, 0.0) - start) / (1.0 - start), 0.0), 1.0)
 
     def _lost(self, said: Said) -> bool:
         """Whether the estimator has lost the height and says so, with some hysteresis."""

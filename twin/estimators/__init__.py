@@ -15,6 +15,7 @@ from twin.estimators.heading_complementary import HeadingComplementary, HeadingC
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
 from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
 from twin.estimators.heading_madgwick import HeadingMadgwick, HeadingMadgwickConfig
+from twin.estimators.height_filter import HeightFilter, HeightFilterConfig
 from twin.estimators.height_hold import HeightHold, HeightHoldConfig
 from twin.estimators.height_vpkf import HeightVpkf, HeightVpkfConfig
 from twin.estimators.ins_build import RowSpeedInsConfig
@@ -34,6 +35,7 @@ __all__ = [
     "HeadingFilterConfig",
     "HeadingKalmanConfig",
     "HeadingMadgwickConfig",
+    "HeightFilterConfig",
     "HeightHoldConfig",
     "HeightVpkfConfig",
     "PluginConfig",
@@ -53,7 +55,7 @@ HeadingFilterUnion = (
 )
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
-HeightUnion = HeightHoldConfig | HeightVpkfConfig
+HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
 AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
@@ -91,5 +93,7 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return HeightHold(config, setup)
         case HeightVpkfConfig():
             return HeightVpkf(config, setup)
+        case HeightFilterConfig():
+            return HeightFilter(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

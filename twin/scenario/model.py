@@ -115,6 +115,8 @@ class ScoringConfig(Config):
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     causal_bound_of: str | None = None
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
+    height_bound_of: str | None = None
+    """Name of an estimator: also give the least error of the height any causal filter with its sensors could have."""
     limits: Annotated[dict[str, Positive], Field(json_schema_extra={"propertyNames": {"enum": list(LIMITED)}})] = Field(
         default_factory=dict
     )
@@ -224,7 +226,9 @@ class Scenario(Config):
     @model_validator(mode="after")
     def _scored_and_drawn_exist(self) -> Self:
         named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
-        named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of")}
+        named |= {
+            f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of", "height_bound_of")
+        }
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")

@@ -18,7 +18,7 @@ _RANGE_POINTS = 5
 
 BLOCK = 500
 """Members that are stepped together over one truth."""
-CLOSED_BLOCK = 4
+CLOSED_BLOCK = 2
 """Members of a closed loop, each in a world of its own, that make one task."""
 
 Setting = tuple[str, Any]

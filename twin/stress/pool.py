@@ -49,5 +49,6 @@ def describe(plan: Plan, task: Task) -> str:
     parts = [f"world {task.world + 1} of {len(plan.seeds)} (seed {plan.seeds[task.world]})", varied]
     if plan.blocks(task.point) > 1:
         members = plan.members(task)
-        parts.append(f"runs {members[0]} to {members[-1]} of {plan.runs}")
+        which = f"run {members[0]}" if len(members) == 1 else f"runs {members[0]} to {members[-1]}"
+        parts.append(f"{which} of {plan.runs}")
     return ", ".join(part for part in parts if part)

@@ -1,0 +1,344 @@
+"""Which fixes a height filter believes, and when: one branch that coasts, one that follows fixes on probation.
+
+Each member has a *held* branch, which the estimate is taken from, and at times a *candidate*. A fix goes
+
+- straight into the held branch if it agrees with it (Mahalanobis gate) and there is nothing to prove: fixes have come
+  without a break, or the held branch knows so well where it is that whatever passes the gate is within
+  ``harmless_m``, or it does not know at all;
+- otherwise into the candidate, which is the held branch with the fixes since then. A receiver that has just found its
+  fix again, or has been fixed wrongly, gives fixes that agree with one another: only time tells. The candidate takes
+  the held one's place when its fixes have agreed for ``probation_s``. A fix that does not agree with it starts it anew.
+
+A candidate whose first fix contradicts the held branch is *contrary*: it begins without the held height, and has to
+last ``patience_s``, since a wrong fix may last for many seconds, or, if that is shorter, as long as the fixes
+on which the held branch rests had lasted. So no member locks itself out for good.
+
+Vertical speed and coarse positions go into both branches. A coarse position has an error of its own for every stretch
+of one fix state; one that does not pass the gate begins a new stretch. A receiver that flaps comes back with the error
+it left: stretches that follow within the error's correlation time tell how the height changes, not where it is. A
+vertical speed that has been refused for ``speed_patience_s`` while no fix was used opens the velocity: then the
+accelerometer is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.config import Config, NonNegative, Positive
+from twin.estimators.engines import Engine
+from twin.estimators.height_filter_model import (
+    B0,
+    B1,
+    UNKNOWN_M,
+    C,
+    H,
+    SpanMotion,
+    SumOfStates,
+    V,
+    renew_state,
+)
+from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
+from twin.estimators.height_filter_tilt import LevelFilter
+from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
+
+WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
+"""Modes: no fix yet; fixes are used; none is; fixes are on probation; fixes contradict what is held."""
+_NEVER = -(2**62)
+_ANY_ERROR = 100.0
+"""Of a coarse position of which nothing is known, in standard deviations."""
+_VAGUE_M = 10.0
+"""Whoever knows the height no better than this has nothing to lose."""
+
+
+class GatesConfig(Config):
+    """What is believed, and after how long."""
+
+    sigmas: Positive = 4.0
+    """Half the width of the gates, in standard deviations of the innovation."""
+    unbroken_s: NonNegative = 0.35
+    """Fixes that follow one another so fast come without a break: at 10 Hz two may be lost."""
+    harmless_m: NonNegative = 0.03
+    """A gate narrower than this does no harm, whatever passes it: the limit for levelling (TD/T 1033-2012)."""
+    probation_s: NonNegative = 1.2
+    """How long fixes have to agree before they are believed again."""
+    patience_s: Positive = 20.0
+    """How long fixes that contradict what is held have to agree before they are believed."""
+    memory_s: Positive = 1.0
+    """After a longer break a candidate starts anew."""
+    speed_patience_s: Positive = 2.0
+    """How long a vertical speed is refused that nothing but the accelerometer speaks against."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beliefs:
+    """What branches remember of R members beside their states. Arrays are replaced, never changed in place."""
+
+    used_ns: IntArray
+    """When a fix was last used in the held branch."""
+    since_ns: IntArray
+    """Since when fixes have borne it out."""
+    on_trial: BoolArray
+    """Whether there is a candidate."""
+    contrary: BoolArray
+    """Whether it contradicts."""
+    trial_ns: IntArray
+    """Its first fix."""
+    heard_ns: IntArray
+    """Its last fix."""
+    quality: FloatArray
+    """State of the last position; NaN before."""
+    speed_ns: IntArray
+    """When a vertical speed was last used, or none was there."""
+    coarse_ns: IntArray
+    """When a stretch of coarse positions last told where the height is, not only how it changes."""
+
+    @classmethod
+    def none(cls, runs: int) -> Beliefs:
+        """Before anything was heard."""
+        never, no = np.full(runs, _NEVER, dtype=np.int64), np.zeros(runs, dtype=np.bool_)
+        return cls(never, never, no, no, never, never, np.full(runs, np.nan), never, never)
+
+
+Level = tuple[FloatArray, FloatArray, IntArray]
+Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, Level | None]
+
+
+class Branches:
+    """The held branch and the candidate of R members, and what they make of a receiver's samples."""
+
+    def __init__(
+        self,
+        held: Engine,
+        candidate: Engine,
+        motion: SpanMotion,
+        *,
+        level: LevelFilter | None,
+        receiver: HeightReceiver,
+        gates: GatesConfig,
+    ) -> None:
+        self.held, self.candidate, self.motion, self.level = held, candidate, motion, level
+        self.beliefs = Beliefs.none(len(held.x))
+        self.nis: dict[str, FloatArray] = {}
+        """Normalised innovation squared (R,) of the last samples against the held branch, before gating."""
+        self._receiver, self._gates = receiver, gates
+        self._gate = gates.sigmas**2
+        self._memory_ns, self._unbroken_ns = round(gates.memory_s * NS_PER_S), round(gates.unbroken_s * NS_PER_S)
+        self._probation_ns, self._patience_ns = (
+            round(value * NS_PER_S) for value in (gates.probation_s, max(gates.patience_s, gates.probation_s))
+        )
+        self._speed_patience_ns = round(gates.speed_patience_s * NS_PER_S)
+
+    # --- time --------------------------------------------------------------------------------------------------------
+
+    def advance(self, sums: FloatArray, span_s: float) -> None:
+        """Move on by a span with these integrals (9, R)."""
+        self.look(sums)
+        for branch, _ in self._both():
+            branch.predict(self.motion, sums, span_s)
+        if self.level is not None:
+            self.level.advance(sums, span_s)
+
+    def look(self, sums: FloatArray) -> None:
+        """Tell the model what a span is like that begins now."""
+        self.motion.sums = sums
+        if self.level is not None:
+            self.motion.lean = self.level.lean()
+
+    def snapshot(self) -> Snapshot:
+        """All that is known; nothing is copied, since nothing changes in place."""
+        level = None if self.level is None else self.level.snapshot()
+        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs, level
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to what was known."""
+        held_x, held_P, candidate_x, candidate_P, self.beliefs, level = snapshot
+        if self.level is not None and level is not None:
+            self.level.restore(level)
+        self.held.restore(held_x, held_P)
+        self.candidate.restore(candidate_x, candidate_P)
+
+    def mode(self, t_ns: int) -> IntArray:
+        """(R,) the modes at a time."""
+        beliefs = self.beliefs
+        trial = np.where(beliefs.contrary, CONTRADICTED, PROBATION)
+        # a fix is as old as its latency; half a second later it is missing
+        tracking = t_ns - beliefs.used_ns <= self._unbroken_ns + NS_PER_S // 2
+        known = np.where(tracking, TRACKING, np.where(beliefs.on_trial, trial, COASTING))
+        modes: IntArray = np.where((beliefs.used_ns == _NEVER) & ~beliefs.on_trial, WAITING, known).astype(np.int64)
+        return modes
+
+    # --- what the receiver says --------------------------------------------------------------------------------------
+
+    def hear(self, reading: FixReading, *, arm_m: FloatArray, behind_m_s: FloatArray) -> None:
+        """Take a sample that is true now.
+
+        ``arm_m`` (R,) is how far the antenna is above the AHRS; ``behind_m_s`` (3, R) how much slower the receiver's
+        velocity is than the AHRS: by its own lag, and by the antenna's motion against the AHRS.
+        """
+        self.nis = {}
+        self._drop_old_candidates(reading.t_ns)
+        if self.level is not None:
+            self.level.hear(reading, behind_m_s)
+        if self._receiver.speed is not None:
+            self._hear_speed(reading, behind_m_s[2])
+        self._hear_coarse(reading, arm_m)
+        if reading.fixed.any():
+            self._hear_fix(reading, arm_m)
+
+    def _drop_old_candidates(self, t_ns: int) -> None:
+        beliefs = self.beliefs
+        old = beliefs.on_trial & (t_ns - beliefs.heard_ns > self._memory_ns)
+        if old.any():
+            self.beliefs = replace(beliefs, on_trial=beliefs.on_trial & ~old)
+
+    def _both(self) -> list[tuple[Engine, BoolArray]]:
+        everyone = np.ones(len(self.beliefs.on_trial), dtype=np.bool_)
+        branches = [(self.held, everyone)]
+        if self.beliefs.on_trial.any():
+            branches.append((self.candidate, self.beliefs.on_trial))
+        return branches
+
+    def _hear_speed(self, reading: FixReading, behind_m_s: FloatArray) -> None:
+        sheet, layout, beliefs = self._receiver.speed, self.motion.layout, self.beliefs
+        assert sheet is not None
+        known = reading.speed_known
+        z = reading.speed_m_s + behind_m_s
+        # the lag is made good by the measured acceleration, whose offset remains
+        weights: dict[int, float | FloatArray] = {V: 1.0, B0: sheet.lag_s, B1: sheet.lag_s}
+        if layout.speed is not None:
+            weights[layout.speed] = 1.0
+        observation = SumOfStates(weights, np.full(len(z), sheet.white_m_s**2), size=layout.size)
+        quiet = np.maximum(beliefs.speed_ns, beliefs.used_ns)
+        lost = known & (quiet > _NEVER) & (reading.t_ns - quiet > self._speed_patience_ns)
+        for branch, members in self._both():
+            y, S = observation.innovation(branch.x, branch.P, z)
+            passed = np.square(y) <= self._gate * S
+            anew = known & members & ~passed & lost
+            if anew.any():
+                renew_state(branch, V, anew, z, np.square(y))
+            branch.update(observation, z[:, np.newaxis], known & members & (passed | anew), observation.R)
+            if branch is self.held:
+                self.nis["vertical_speed"] = np.where(known, np.square(y) / S, np.nan)
+                # where none comes there is none to refuse
+                self.beliefs = replace(
+                    beliefs, speed_ns=np.where(passed | anew | ~known, reading.t_ns, beliefs.speed_ns)
+                )
+
+    def _hear_coarse(self, reading: FixReading, arm_m: FloatArray) -> None:
+        place, beliefs, motion = self.motion.layout.coarse, self.beliefs, self.motion
+        if place is None:
+            return
+        heard = ~np.isnan(reading.quality) & (reading.quality > 0.0)
+        changed = heard & (reading.quality != beliefs.quality)
+        self.beliefs = replace(beliefs, quality=np.where(heard, reading.quality, beliefs.quality))
+        if not reading.coarse.any():
+            return
+        motion.coarse_s = np.where(reading.coarse, reading.coarse_s, motion.coarse_s)
+        observation = SumOfStates(
+            {H: 1.0, place: reading.coarse_sigma_m * reading.wider},
+            np.square(reading.coarse_white_m * reading.wider),
+            size=motion.layout.size,
+        )
+        z, runs = reading.height_m - arm_m, len(arm_m)
+        told = reading.t_ns - self.beliefs.coarse_ns < reading.coarse_s * NS_PER_S
+        for branch, members in self._both():
+            y, S = observation.innovation(branch.x, branch.P, z)
+            anew = reading.coarse & members & (changed | (np.square(y) > self._gate * S))
+            if anew.any():
+                renew_state(branch, place, anew, np.zeros(runs), np.where(told, _ANY_ERROR**2, 1.0))
+                y, S = observation.innovation(branch.x, branch.P, z)
+            if branch is self.held:
+                coarse_ns = np.where(anew & ~told, reading.t_ns, self.beliefs.coarse_ns)
+                self.beliefs = replace(self.beliefs, coarse_ns=coarse_ns)
+            used = reading.coarse & members & (np.square(y) <= self._gate * S)
+            branch.update(observation, z[:, np.newaxis], used, observation.R)
+
+    def _hear_fix(self, reading: FixReading, arm_m: FloatArray) -> None:
+        t_ns, beliefs, gates = reading.t_ns, self.beliefs, self._gates
+        observation, z = self._fix(reading), reading.height_m - arm_m
+        fixed = reading.fixed
+        y, S = observation.innovation(self.held.x, self.held.P, z)
+        passed = np.square(y) <= self._gate * S
+        self.nis["fix"] = np.where(fixed, np.square(y) / S, np.nan)
+        vague = self.held.P[:, H, H] > _VAGUE_M**2
+        narrow = self._gate * S <= gates.harmless_m**2
+        unbroken = t_ns - beliefs.used_ns <= self._unbroken_ns
+        straight = fixed & passed & (narrow | unbroken | vague)
+        since = np.where(straight & vague, t_ns, beliefs.since_ns)
+        used_ns = np.where(straight, t_ns, beliefs.used_ns)
+        on_trial = beliefs.on_trial & ~straight
+        self.beliefs = replace(beliefs, used_ns=used_ns, since_ns=since, on_trial=on_trial)
+        tried = fixed & ~straight
+        if tried.any():
+            self._try(reading, observation, z, tried=tried, contrary=~passed)
+        if straight.any():
+            self.held.update(observation, z[:, np.newaxis], straight, observation.R)
+
+    def _fix(self, reading: FixReading) -> SumOfStates:
+        sheet, layout = self._receiver.fix, self.motion.layout
+        weights: dict[int, float | FloatArray] = {H: 1.0, C: sheet.correlated_m * reading.wider}
+        if layout.drift is not None:
+            weights[layout.drift] = reading.drift_m * reading.wider
+        return SumOfStates(weights, np.square(sheet.white_m * reading.wider), size=layout.size)
+
+    # --- the candidate -----------------------------------------------------------------------------------------------
+
+    def _try(
+        self, reading: FixReading, observation: SumOfStates, z: FloatArray, *, tried: BoolArray, contrary: BoolArray
+    ) -> None:
+        """Let fixes into the candidate where ``tried``; start it anew where they do not agree with it."""
+        t_ns, beliefs = reading.t_ns, self.beliefs
+        y, S = observation.innovation(self.candidate.x, self.candidate.P, z)
+        anew = tried & ~(beliefs.on_trial & (np.square(y) <= self._gate * S))
+        if anew.any():
+            self._copy(self.held, self.candidate, anew)
+            if (anew & contrary).any():
+                self._forget_level(anew & contrary, z)
+        beliefs = replace(
+            beliefs,
+            on_trial=beliefs.on_trial | tried,
+            contrary=np.where(anew, contrary, beliefs.contrary),
+            trial_ns=np.where(anew, t_ns, beliefs.trial_ns),
+            heard_ns=np.where(tried, t_ns, beliefs.heard_ns),
+        )
+        self.candidate.update(observation, z[:, np.newaxis], tried, observation.R)
+        self.beliefs = beliefs
+        won = tried & (t_ns - beliefs.trial_ns >= self._needed_ns(beliefs))
+        if won.any():
+            self._promote(won, observation, z, t_ns)
+
+    def _needed_ns(self, beliefs: Beliefs) -> IntArray:
+        borne_out = np.where(beliefs.used_ns == _NEVER, 0, beliefs.used_ns - beliefs.since_ns)
+        contrary = np.clip(borne_out, self._probation_ns, self._patience_ns)
+        needed: IntArray = np.where(beliefs.contrary, contrary, self._probation_ns)
+        return needed
+
+    def _promote(self, won: BoolArray, observation: SumOfStates, z: FloatArray, t_ns: int) -> None:
+        beliefs = self.beliefs
+        _, S = observation.innovation(self.held.x, self.held.P, z)
+        # a held height that would have told a wrong fix by a wavelength bears the new fixes out
+        same_level = ~beliefs.contrary & (self._gate * S < 0.19**2)
+        self._copy(self.candidate, self.held, won)
+        self.beliefs = replace(
+            beliefs,
+            used_ns=np.where(won, t_ns, beliefs.used_ns),
+            since_ns=np.where(won & ~same_level, beliefs.trial_ns, beliefs.since_ns),
+            on_trial=beliefs.on_trial & ~won,
+        )
+
+    def _forget_level(self, members: BoolArray, z: FloatArray) -> None:
+        """The candidate's height is that of its fixes alone, and their error a new one."""
+        runs = len(z)
+        renew_state(self.candidate, H, members, z, np.full(runs, UNKNOWN_M**2))
+        renew_state(self.candidate, C, members, np.zeros(runs), np.ones(runs))
+
+    def _copy(self, source: Engine, target: Engine, members: BoolArray) -> None:
+        if members.all():
+            target.restore(source.x, source.P)
+            return
+        target.restore(
+            np.where(members[:, np.newaxis], source.x, target.x),
+            np.where(members[:, np.newaxis, np.newaxis], source.P, target.P),
+        )
