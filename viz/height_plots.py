@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.families import family_named
+from twin.scenario import Scenario
+from twin.scoring.height_bound import scenario_bound
 from twin.signals import NS_PER_S, FloatArray
 from twin.stress import Point, StressResult
 from viz import entities
@@ -30,6 +33,18 @@ class PhysicalLimit:
     """(T,)."""
     error_mm: FloatArray
     """(T,) within which 95 % of the errors lie."""
+
+
+def physical_limit(scenario: Scenario) -> PhysicalLimit | None:
+    """The limit through a scenario's loss; None where it is not asked for (``scoring.height_bound_of``)."""
+    estimator = scenario.scoring.height_bound_of
+    if estimator is None or scenario.loss_window_s is None:
+        return None
+    bound = scenario_bound(scenario, scenario.estimators[estimator].sensors)
+    if bound is None:
+        return None
+    widen = FAMILY.factor * NormalDist().inv_cdf(0.5 + 0.5 * _SHARE)
+    return PhysicalLimit(since_loss_s=bound.t_s, error_mm=widen * bound.sigma_m)
 
 
 def draw_heights(
@@ -102,6 +117,6 @@ def _draw_published(axis: Axes, result: StressResult, colours: Mapping[str, Any]
     for metric, value in result.loaded.scenario.published.items():
         name, _, figure = metric.partition(".")
         if figure == FAMILY.time_to_tolerance and name in colours:
-            axis.axvline(value, color=colours[name], linestyle=":", linewidth=1.2)
+            axis.axvline(value, color="0.35", linestyle=":", linewidth=1.2)
             told = f" {entities.legend_name(name)}, published: {value:g} s"
-            axis.annotate(told, (value, 2.0), color=colours[name], fontsize=8, rotation=90, va="bottom", ha="right")
+            axis.annotate(told, (value, 2.0), color="0.25", fontsize=8, rotation=90, va="bottom", ha="right")

@@ -17,7 +17,7 @@ from twin.scoring.ensemble import QUANTILES, quantiles
 from twin.signals import NS_PER_S
 from twin.stress import Point, StressResult, headline_metrics
 from viz import entities
-from viz.height_plots import FAMILY, PhysicalLimit, draw_heights
+from viz.height_plots import FAMILY, draw_heights, physical_limit
 
 _TITLES = {
     "row_speed_m_s": "Largest row-speed error [m/s]",
@@ -39,10 +39,8 @@ _STYLE: Any = {
 }
 
 
-def draw_stress(result: StressResult, folder: Path, *, limit: PhysicalLimit | None = None) -> list[Path]:
+def draw_stress(result: StressResult, folder: Path) -> list[Path]:
     """Draw the plots of a stress test into a folder; return the files.
-
-    With the physical limit of the height, that is drawn too.
 
     Raises:
         TwinError: a file cannot be written whole.
@@ -54,6 +52,7 @@ def draw_stress(result: StressResult, folder: Path, *, limit: PhysicalLimit | No
             suffix = f"_{index}" if len(result.points) > 1 else ""
             files += _save(_envelopes(result, point), folder / f"envelopes{suffix}.png")
             colours = _colours(list(point.envelopes))
+            limit = physical_limit(result.plan.load(index, 0).scenario)
             heights = draw_heights(result, point, colours, _title(result, point), limit=limit)
             files += _save(heights, folder / f"heights{suffix}.png")
             files += _save(_distributions(result, point), folder / f"distributions{suffix}.png")

@@ -45,9 +45,7 @@ def test_the_picture_shows_the_lane_in_the_maps_after_only(scene: Scene, tmp_pat
     assert scene.levelling.area_m == made.AREA_M
 
 
-def test_what_cannot_be_compared_is_bad_input(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_compared_is_bad_input(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     still = recording_that_follows("truth")
     still.ground = None
     with pytest.raises(BadInputError, match="no soil is moved"):

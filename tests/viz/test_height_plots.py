@@ -11,12 +11,13 @@ from matplotlib.colors import to_rgba
 
 from tests.viz.test_pieces import plane_scene
 from twin.recording import Recording
-from twin.scenario import LoadedScenario, load
+from twin.scenario import LoadedScenario, find, load
 from twin.scoring.envelopes import Envelope
+from twin.scoring.height_bound import scenario_bound
 from twin.signals import NS_PER_S
 from twin.stress import Point, StressResult, make_plan
 from viz.compose import scene_of
-from viz.height_plots import PhysicalLimit, draw_heights
+from viz.height_plots import PhysicalLimit, draw_heights, physical_limit
 from viz.layers.machine import _seen_from_behind
 from viz.plots import draw_stress
 from viz.scene import Scene
@@ -118,6 +119,17 @@ def test_the_cumulative_curve_counts_the_runs_that_never_fail(loaded: LoadedScen
     assert line_of(axis, COLOURS["second"])[1].tolist() == [0.0, 0.0]
     marked = [line for line in axis.lines if line.get_linestyle() == ":"]
     assert [line.get_xdata()[0] for line in marked] == [12.0]
+
+
+def test_the_physical_limit_is_1_96_sigma_of_the_bound(loaded: LoadedScenario) -> None:
+    assert physical_limit(loaded.scenario) is None
+    scenario = load(find("scraper_rail_loss")[0]).scenario
+    found, bound = physical_limit(scenario), scenario_bound(scenario, scenario.estimators["ours"].sensors)
+    assert found is not None
+    assert bound is not None
+    np.testing.assert_allclose(found.error_mm, 1959.964 * bound.sigma_m, rtol=1e-6)
+    # with the corrections gone nobody knows the height better and better
+    assert np.all(np.diff(found.error_mm[found.since_loss_s > 10.0]) > 0.0)
 
 
 def test_a_stress_test_of_heights_gets_the_plot_and_others_do_not(loaded: LoadedScenario, tmp_path: Path) -> None:

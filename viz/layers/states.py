@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 import rerun as rr
 
+from twin.estimators import height_filter_branches as branches
 from twin.estimators import height_vpkf
 from twin.estimators.magnetic_disturbance import CLEAN, DISTURBED, LEARNING, RECOVERING
 from twin.recording import Stream
@@ -50,13 +51,12 @@ _MODES: Mapping[str, Styles] = {
         height_vpkf.LOST: ("distrusts GNSS (Q2)", entities.RECOVERING_COLOUR),
         height_vpkf.COASTING: ("coasting", entities.LEARNING_COLOUR),
     },
-    # numbered in twin.estimators.height_filter
     "height_filter": {
-        0.0: ("waiting for a fix", entities.CALM_COLOUR),
-        1.0: ("tracking", entities.TRUSTED_COLOUR),
-        2.0: ("coasting", entities.LEARNING_COLOUR),
-        3.0: ("fixes on probation", entities.RECOVERING_COLOUR),
-        4.0: ("fixes contradict", entities.FAULT_COLOUR),
+        float(branches.WAITING): ("waiting for a fix", entities.CALM_COLOUR),
+        float(branches.TRACKING): ("tracking", entities.TRUSTED_COLOUR),
+        float(branches.COASTING): ("coasting", entities.LEARNING_COLOUR),
+        float(branches.PROBATION): ("fixes on probation", entities.RECOVERING_COLOUR),
+        float(branches.CONTRADICTED): ("fixes contradict", entities.FAULT_COLOUR),
     },
 }
 """Modes of height filters in words, by kind of estimator."""
@@ -108,11 +108,14 @@ def _draw_heading_filter(run: Run, sheet: Sheet, name: str, stream: Stream) -> N
 
 
 def _draw_mode(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
-    """Draw what a height filter makes of its receiver, if that ever changes."""
-    mode = run.columns(stream, _MODE)
+    """Draw what a height filter makes of its receiver, if that ever changes once it has a height."""
+    found = run.columns(stream, _MODE, HEIGHT)
     kind = tomllib.loads(run.recording.scenario_toml).get("estimators", {}).get(name, {}).get("kind")
-    if mode is not None and kind in _MODES and len(np.unique(mode[~np.isnan(mode)])) > 1:
-        _draw_lane(sheet, f"{name}_mode", stream.t_ns, mode[:, 0], _MODES[kind])
+    if found is None or kind not in _MODES:
+        return
+    mode, knows = found[:, 0], np.isfinite(found).all(axis=1)
+    if len(np.unique(mode[knows])) > 1:
+        _draw_lane(sheet, f"{name}_mode", stream.t_ns, mode, _MODES[kind])
 
 
 def _draw_blade(run: Run, sheet: Sheet) -> None:
