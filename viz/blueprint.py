@@ -135,7 +135,8 @@ def _plot_view(panel: Panel, sheet: Sheet, duration_ns: int) -> rrb.TimeSeriesVi
     names = {curve.name for curve in curves}
     corner, hidden = emptiest_corner(curves, duration_ns, begin_ns=sheet.begin_ns)
     # What another panel lists with its colours need not be told again where that would cover curves.
-    told = names <= sheet.listed and (len(names) > _LEGEND_MOST or hidden > _LEGEND_HIDES)
+    known = names <= sheet.listed or panel.origin in sheet.told_beside
+    told = known and (len(names) > _LEGEND_MOST or hidden > _LEGEND_HIDES)
     return rrb.TimeSeriesView(
         origin=_root(panel),
         name=panel.title,

@@ -137,6 +137,8 @@ class Sheet:
         """What a map shows at first: range to the right and range downwards, by its origin."""
         self.listed: set[str] = set()
         """Names of series that a panel other than the plots lists with their colours."""
+        self.told_beside: set[str] = set()
+        """Plots that need no legend where it would cover curves, since the plot beside has the same names."""
         self.begin_ns = 0
         """Where the plots begin: later than the run, if the machine stands for most of it."""
         self.follow: str | None = None

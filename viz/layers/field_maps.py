@@ -70,7 +70,7 @@ def _draw_map(run: Run, sheet: Sheet, field: LevelledField, which: str, heights_
     _draw_scale(sheet, root, frame)
     width, height = frame.size
     margin = (_LABEL + 2.0 * _GAP) * frame.unit
-    right = width + (4.0 * _GAP + _BAR + 1.5 * _LABEL) * frame.unit
+    right = width + (4.0 * _GAP + _BAR + 1.8 * _LABEL) * frame.unit
     sheet.bounds[root] = ((-margin, right), (-margin, height + margin))
     spread, share = flatness(run.scene, heights_m)
     told = f"S_d {1000.0 * spread:.1f} mm, {100.0 * share:.0f} % within 30 mm"
@@ -129,7 +129,7 @@ def _draw_scale(sheet: Sheet, root: str, frame: _Frame) -> None:
     """Name heights of the scale of colours, right of the map."""
     width, height = frame.size
     left, wide = width + _GAP * frame.unit, _BAR * frame.unit
-    places = [(left + wide + 0.9 * _LABEL * frame.unit, 0.5 * height * (1.0 - up / FULL_M)) for up in TICKS_M]
+    places = [(left + wide + 1.15 * _LABEL * frame.unit, 0.5 * height * (1.0 - up / FULL_M)) for up in TICKS_M]
     labels = [f"{1000.0 * up:+.0f} mm" if up else "plane" for up in TICKS_M]
     _draw_labels(sheet, f"{root}/scale_labels", places, labels, drop=_DROP * frame.unit)
 

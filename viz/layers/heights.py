@@ -81,6 +81,8 @@ def _draw_errors(run: Run, sheet: Sheet) -> None:
             sheet.band(entity, stream.t_ns[keep], np.zeros(len(keep)), MM * sigma[keep], colour)
     if drawn:
         _draw_limits(run, sheet, _ERRORS)
+        # truth is white everywhere, and the lane of the receiver's quality tells the colours of its points
+        sheet.told_beside.add(entities.plot(_HEIGHTS))
     sheet.panel(PanelKind.PLOT, entities.plot(_ERRORS), "Height error, with claimed ±1σ [mm]")
 
 

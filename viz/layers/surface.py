@@ -110,7 +110,7 @@ def _draw_legend(run: Run, sheet: Sheet) -> None:
     labels = [f"{1000.0 * height:+.0f} mm" if height else "plane" for height in TICKS_M]
     sheet.static(
         f"{entities.HEIGHT_LEGEND}/labels",
-        rr.Points3D(places, labels=labels, show_labels=True, radii=0.0, colors=[(20, 20, 20)]),
+        rr.Points3D(places, labels=labels, show_labels=True, radii=0.0, colors=[(255, 255, 255)]),
     )
     moved = np.flatnonzero(np.any(np.diff(track, axis=0, prepend=np.nan) != 0.0, axis=1))
     columns = rr.Transform3D.columns(translation=track[moved])
