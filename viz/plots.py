@@ -192,6 +192,7 @@ def _trends(result: StressResult) -> Figure | None:
             if name not in first.table:
                 continue
             spread = np.array([quantiles(point.table[name]) for point in result.points])
+            spread[~np.isfinite(spread)] = np.nan  # what never happened has no place on the axis
             reach = np.abs(spread[:, [0, 2]] - spread[:, [1]]).T
             x = places + 0.08 * (offset - (len(colours) - 1) / 2)
             axis.errorbar(x, spread[:, 1], yerr=reach, color=colour, marker="o", capsize=3, label=estimator)

@@ -17,6 +17,7 @@ from twin.scoring.honesty import is_pooled
 from twin.sensors.gnss import Gnss
 from twin.stress import Parts, Task, make_plan, merge_in_order, merge_results, run_block, run_task, run_tasks
 from twin.stress import plan as planning
+from viz.plots import draw_stress
 
 TABLE: dict[str, Any] = {
     "title": "A plate on a rail, without satellites for a while",
@@ -123,6 +124,15 @@ def test_a_check_on_a_pooled_figure_is_judged_once_over_worlds(scenario_file: Pa
     assert not check["ok"]
     assert "coast.honesty.inside_percent" not in point["metrics"]
     assert point["worst"][0]["metric"] == "height.max_abs_error_loss_mm"
+
+
+def test_trends_are_drawn_where_a_figure_is_never_reached(scenario_file: Path, tmp_path: Path) -> None:
+    # Nobody recovers to whom half a second of the run is left after the loss: the quantiles are infinite.
+    vary = ["sensors.gnss.faults.0.to_s=6.0,11.5"]
+    plan = make_plan(scenario_file, runs=2, worlds=1, settings=[], vary=vary, seed=None)
+    merged = merge_results(plan.load(0, 0), plan, dict(run_tasks(plan, workers=1, done=())), {})
+    assert np.isinf(merged.points[1].table["hold.height.recovery_s"]).all()
+    assert "trends.png" in [path.name for path in draw_stress(merged, tmp_path)]
 
 
 # --- closed loops ----------------------------------------------------------------------------------------------------
