@@ -147,31 +147,33 @@ def renew(  # noqa: PLR0917
 
 
 @compiled
-def peak_of_three(before: FloatArray, now: FloatArray, after: FloatArray) -> FloatArray:
-    """How far a value stands out from both its neighbours to the same side, (R,) with its sign; zero if it does not."""
-    out = np.zeros(len(now))
-    for m in range(len(now)):
-        one, other = now[m] - before[m], now[m] - after[m]
-        if one * other > 0.0:
-            out[m] = one if abs(one) < abs(other) else other
+def both_say(one: FloatArray, other: FloatArray) -> FloatArray:
+    """The smaller of two deviations (R,) that have the same sign, with it; zero where their signs differ."""
+    out = np.zeros(len(one))
+    for m in range(len(one)):
+        if one[m] * other[m] > 0.0:
+            out[m] = one[m] if abs(one[m]) < abs(other[m]) else other[m]
     return out
 
 
 @compiled
-def judge(evidence: FloatArray, off: FloatArray, usual: FloatArray, probability: float, outlier: float) -> FloatArray:
-    """Bayes' rule for samples that stick out by ``evidence`` (R,), (3, R): the outlier in each as is to be expected,
-    the variance that it leaves, and how likely the sample is one.
+def judge(  # noqa: PLR0917
+    evidence: FloatArray, off: FloatArray, usual: FloatArray, shock: FloatArray, probability: float, outlier: float
+) -> FloatArray:
+    """Bayes' rule for samples that stand out by ``evidence`` (R,), (3, R): the outlier in each as is to be expected,
+    the variance that it leaves, and how likely it is one.
 
-    Genuine samples stick out with a mean square ``usual`` (R,), outliers of the variance ``outlier`` come with a
-    ``probability``. ``off`` (R,) is how far the sample is from where its neighbours want it.
+    ``off`` (R,) is how far the sample is from where its neighbours want it, which genuine samples are with a mean
+    square ``usual`` (R,); outliers of the variance ``outlier`` come with a ``probability``, true shocks of 1 m/s^2 with
+    another, ``shock`` (R,).
     """
     out = np.empty((3, len(off)))
     for m in range(len(off)):
-        wide = usual[m] + outlier
-        odds = probability / (1.0 - probability) * np.sqrt(usual[m] / wide)
-        exponent = min(0.5 * evidence[m] * evidence[m] * (1.0 / usual[m] - 1.0 / wide), 600.0)
-        likely = odds * np.exp(exponent)
-        likely = likely / (1.0 + likely)
+        square, wide = 0.5 * evidence[m] * evidence[m], usual[m] + outlier
+        # against a genuine sample
+        odds = probability * np.sqrt(usual[m] / wide) * np.exp(min(square * (1.0 / usual[m] - 1.0 / wide), 300.0))
+        others = shock[m] * np.sqrt(usual[m]) * np.exp(min(square * max(1.0 / usual[m] - 1.0, 0.0), 300.0))
+        likely = odds / (1.0 + odds + others)
         share = outlier / wide
         expected = likely * share * off[m]
         variance = likely * (share * usual[m] + (share * off[m]) ** 2) - expected * expected

@@ -1,8 +1,9 @@
 """How the height filter reads a GNSS receiver: what its data sheet says of each fix state, and what a sample says.
 
 A sigma that the receiver reports may widen what the data sheet says, never narrow it: a float solution may claim 11 mm
-and be 0.4 m off, and a driver that does not fill the field in reports zero. A value that repeats the one before exactly
-is no news (a stuck output, a held sample): it is not used.
+and be 0.4 m off, and a driver that does not fill the field in reports zero. So may a dilution of precision beyond the
+least that the receiver had with a fix so far, which is taken for that of an open sky. A value that repeats the one
+before exactly is no news (a stuck output, a held sample): it is not used.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ FIXED = 4
 _COLUMNS = ("position_u_m", "sigma_u_m", "quality", "age_s")
 _VERTICAL_SPEED = "vertical_speed_m_s"
 _LEVEL = ("speed_m_s", "course_rad")
+_DILUTION = "vdop"
 _PREFIXES: Mapping[int, str] = {5: "float", 2: "differential", 3: "differential", 1: "single"}
 _COARSE: Mapping[str, tuple[float, float]] = {
     "float": (0.37, 170.0),
@@ -129,7 +131,7 @@ class HeightReceiver:
         self.fix = FixSheet.of(sheet)
         self.speed = SpeedSheet.of(sheet) if vertical_speed and _VERTICAL_SPEED in info.columns else None
         column_places(info, _COLUMNS, setup=setup)
-        wanted = (*_COLUMNS, _VERTICAL_SPEED, *_LEVEL)
+        wanted = (*_COLUMNS, _VERTICAL_SPEED, *_LEVEL, _DILUTION)
         self._places = {column: info.columns.index(column) for column in wanted if column in info.columns}
         self.has_level_velocity = all(column in self._places for column in _LEVEL)
         self._level_noise = sheet.get("speed_noise_m_s", 0.05), sheet.get("speed_noise_ratio", 0.0)
@@ -137,6 +139,7 @@ class HeightReceiver:
         self._design_m = setup.design_height_m
         self._table = {quality: _coarse(sheet, prefix) for quality, prefix in _PREFIXES.items()}
         none = np.full(setup.runs, np.nan)
+        self._least_dilution: FloatArray = none
         self._last = dict.fromkeys(("position_u_m", _VERTICAL_SPEED, "speed_m_s"), none)
 
     def read(self, measurement: Measurement) -> FixReading:
@@ -151,6 +154,7 @@ class HeightReceiver:
         drift = self.fix.age_drift_m_s * np.maximum(age, 0.0)
         total = np.hypot(np.hypot(self.fix.correlated_m, self.fix.white_m), drift)
         said = np.where(np.isfinite(column["sigma_u_m"]), column["sigma_u_m"], 0.0)
+        said_wider = said / np.where(fixed, total, np.hypot(sigma, white))
         speed_known = np.zeros(runs, dtype=np.bool_)
         if self.speed is not None:
             speed_known = self._news(measurement, _VERTICAL_SPEED)
@@ -161,7 +165,7 @@ class HeightReceiver:
             fixed=news & fixed,
             coarse=news & ~fixed,
             quality=quality,
-            wider=np.maximum(said / np.where(fixed, total, np.hypot(sigma, white)), 1.0),
+            wider=np.maximum(np.maximum(said_wider, self._diluted(column.get(_DILUTION), fixed)), 1.0),
             drift_m=drift,
             coarse_sigma_m=sigma,
             coarse_white_m=white,
@@ -180,6 +184,15 @@ class HeightReceiver:
         news: BoolArray = known & (values != self._last[name])
         self._last[name] = np.where(known, values, self._last[name])
         return news
+
+    def _diluted(self, dilution: FloatArray | None, fixed: BoolArray) -> FloatArray:
+        """(R,) dilution of precision against the least there was with a fix; zero where nothing is known of it."""
+        if dilution is None:
+            return np.zeros(len(fixed))
+        known = np.isfinite(dilution) & (dilution > 0.0)
+        self._least_dilution = np.where(known & fixed, np.fmin(dilution, self._least_dilution), self._least_dilution)
+        diluted: FloatArray = np.where(known & np.isfinite(self._least_dilution), dilution / self._least_dilution, 0.0)
+        return diluted
 
     def _level(self, measurement: Measurement) -> tuple[FloatArray, BoolArray]:
         if not self.has_level_velocity:

@@ -1,25 +1,19 @@
-"""What an attitude sensor (AHRS) tells of vertical motion: a history of accelerations, freed from outliers.
+"""What an attitude sensor (AHRS) tells of vertical motion: a history of accelerations.
 
-**Outliers.** An outlier stands alone: it sticks out from both its neighbours to the same side, while what is true goes
-on. So a sample is judged when the next one has come. By how far genuine samples stick out, a running mean square tells,
-with the peaks of the last moments; data sheet and Bayes' rule tell the rest: how likely the sample is an outlier, how
-large that is expected to be, and how uncertain that leaves the acceleration. No sample is thrown away outright, and
-with no outliers on the data sheet nothing is done. The newest sample is judged against the straight line through the
-two before it, until its neighbour has come.
-
-**Silence.** Where a sample is lost the acceleration goes on as it was, off by as much as it usually changes; in longer
-gaps it is that of a machine at work (:data:`_WORK_M_S2`).
+They are freed from outliers (:mod:`twin.estimators.height_filter_outliers`), which takes the sample that follows: all
+but the newest sample are *settled*. Where a sample is lost the acceleration goes on as it was, off by as much as it
+usually changes; in longer gaps it is that of a machine at work (:data:`_WORK_M_S2`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from twin.estimators.height_filter_kernels import compose, judge, lagged, peak_of_three
+from twin.estimators.height_filter_kernels import compose, lagged
 from twin.estimators.height_filter_levers import Lever
+from twin.estimators.height_filter_outliers import OutlierJudge, OutlierSheet
 from twin.estimators.roles import column_places, usable
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
@@ -27,83 +21,10 @@ COLUMNS = ("free_accel_u_m_s2", "free_accel_e_m_s2", "free_accel_n_m_s2", "roll_
 
 _ACCEL, _DENSITY, _LEVEL, _ARM, _ROWS = 0, 1, slice(2, 4), slice(6, 9), 9
 """Rows of the history: what :func:`compose` wants, and the antenna's place (east, north, up) seen from the AHRS."""
+_DENSITY_M_S2_RTHZ = 6e-4
+"""Noise where the data sheet is silent: that of a good unit."""
 _WORK_M_S2, _WORK_S = 0.5, 0.3
 """Acceleration of a machine at work while nobody hears it, 1 sigma, and how long it lasts; a choice."""
-_USUAL_S = 2.0
-"""Over which time it is learnt how far samples stick out."""
-_RECENT_S = 0.2
-"""For how long a peak is remembered."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AccelerationSheet:
-    """What the data sheet of an AHRS says of its free acceleration."""
-
-    noise: float
-    """Of one sample, m/s^2."""
-    outlier_probability: float
-    outlier_sigma: float
-
-    @classmethod
-    def of(cls, info: SensorInfo) -> AccelerationSheet:
-        """Read a data sheet; a noise density is one-sided."""
-        sheet = info.datasheet
-        density = sheet.get("free_accel_noise_density_m_s2_rthz", 6e-4)
-        return cls(
-            noise=sheet.get("free_accel_noise_m_s2", density * math.sqrt(0.5 * info.rate_hz)),
-            outlier_probability=sheet.get("outlier_probability", 0.0),
-            outlier_sigma=sheet.get("outlier_sigma_m_s2", 0.0),
-        )
-
-
-class _Usual:
-    """How far genuine samples stick out: a running mean square (R,), and a memory of recent peaks."""
-
-    def __init__(self, least: float, *, runs: int, step_s: float) -> None:
-        self._least = least
-        self._mean = np.full(runs, least + 0.01)
-        self._peak = np.zeros(runs)
-        self._gain = step_s / _USUAL_S
-        self._kept = math.exp(-step_s / _RECENT_S)
-
-    def square(self) -> FloatArray:
-        """(R,) mean square of what is usual now."""
-        usual: FloatArray = np.maximum(np.maximum(self._mean, self._peak), self._least)
-        return usual
-
-    def learn(self, square: FloatArray) -> None:
-        """Take one more, (R,); what is far above the usual counts as not much above it."""
-        usual = self.square()
-        self._mean = self._mean + self._gain * (np.minimum(square, 9.0 * usual) - self._mean)
-        self._peak = np.maximum(np.minimum(square, 9.0 * usual), self._peak * self._kept)
-
-
-class OutlierJudge:
-    """Expected outlier and remaining variance of samples, by Bayes' rule."""
-
-    def __init__(self, sheet: AccelerationSheet, *, runs: int, step_s: float) -> None:
-        least = 1.5 * sheet.noise**2  # of a sample minus the mean of its neighbours
-        self._sheet = sheet
-        self._alone = _Usual(least, runs=runs, step_s=step_s)
-        self._newest = _Usual(4.0 * least, runs=runs, step_s=step_s)
-        self.idle = sheet.outlier_probability == 0.0 or sheet.outlier_sigma == 0.0
-
-    def settled(self, before: FloatArray, now: FloatArray, after: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The outlier in a sample between its neighbours, (R,), and the variance that it leaves, (R,)."""
-        stands_out = peak_of_three(before, now, after)
-        found = self._judge(stands_out, now - 0.5 * (before + after), self._alone.square())
-        self._alone.learn(np.square(np.where(found[2] < 0.5, stands_out, 0.0)))
-        return found[0], found[1]
-
-    def newest(self, line: FloatArray, now: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same of the newest sample, whose neighbours give a ``line`` (R,)."""
-        off = now - line
-        found = self._judge(off, off, self._newest.square())
-        self._newest.learn(np.square(np.where(found[2] < 0.5, off, 0.0)))
-        return found[0], found[1]
-
-    def _judge(self, evidence: FloatArray, off: FloatArray, usual: FloatArray) -> FloatArray:
-        return judge(evidence, off, usual, self._sheet.outlier_probability, self._sheet.outlier_sigma**2)
 
 
 class AccelerationHistory:
@@ -118,23 +39,23 @@ class AccelerationHistory:
     ) -> None:
         runs = setup.runs
         places = column_places(info, COLUMNS, setup=setup)
-        self.sheet = AccelerationSheet.of(info)
+        density = info.datasheet.get("free_accel_noise_density_m_s2_rthz", _DENSITY_M_S2_RTHZ)  # one-sided
+        self._noise = info.datasheet.get("free_accel_noise_m_s2", density * math.sqrt(0.5 * info.rate_hz))
         self._places = places
         self._antenna = antenna
         self._leak_sigma = leak_sigma_rad
         self.step_s = 1.0 / info.rate_hz
         self.attitude_correlation_s = info.datasheet.get("attitude_correlation_s", 60.0)
         self._step_ns = round(NS_PER_S / info.rate_hz)
-        self._judge = OutlierJudge(self.sheet, runs=runs, step_s=1.0 / info.rate_hz)
+        self._judge = OutlierJudge(OutlierSheet.of(info.datasheet), noise=self._noise, runs=runs, step_s=self.step_s)
         self._kept_ns = round(kept_s * NS_PER_S)
         self._size = 4 * (math.ceil(kept_s * info.rate_hz) + 16)
         self._begin, self._end = np.zeros((2, self._size), dtype=np.int64)
         self._rows: FloatArray = np.zeros((_ROWS, self._size, runs))
         self._first = self._count = 0
         self._pending: tuple[int, FloatArray, BoolArray] | None = None
-        self._line: FloatArray = np.zeros(runs)
         self._newest: tuple[FloatArray, FloatArray] = (np.zeros(runs), np.zeros(runs))
-        self._change = np.full(runs, self.sheet.noise**2)
+        self._change = np.full(runs, self._noise**2)
         self.attitude: FloatArray = np.zeros((3, runs))
         """(3, R) roll, pitch, heading heard last."""
         self.settled_ns: int | None = None
@@ -229,29 +150,23 @@ class AccelerationHistory:
         assert self._pending is not None
         t_ns, sample, known = self._pending
         before, now = self._last(), sample[0]
-        variance = np.full(len(now), self.sheet.noise**2)
-        change = np.square(now - before)
-        if not self._judge.idle and self._count > self._first:
-            outlier, left = self._judge.settled(before, now, np.where(after_known, after, before))
-            now, variance = now - outlier, variance + left
         if not known.all():
-            held = np.where(after_known, 0.5 * (before + after), before)
-            now = np.where(known, now, held)
-            variance = np.where(known, variance, variance + self._change)
-        self._change = np.where(known, self._change + 0.02 * (change - self._change), self._change)
-        self._line = np.where(known, 2.0 * now - before, now)
+            now = np.where(known, now, np.where(after_known, 0.5 * (before + after), before))
+        outlier, left = self._judge.settle(now, after, known & after_known)
+        variance = self._noise**2 + left + np.where(known, 0.0, self._change)
+        now = now - outlier
+        # how much accelerations change from one sample to the next, over the last second
+        self._change = np.where(
+            known, self._change + self.step_s * (np.square(now - before) - self._change), self._change
+        )
         sample[_ACCEL], sample[_DENSITY] = now, variance * (self._step_ns / NS_PER_S) + self._leak(sample)
         self._push(t_ns, sample)
         self._pending = None
 
     def _judge_newest(self, now: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
-        variance = np.full(len(now), self.sheet.noise**2)
-        if not self._judge.idle:
-            outlier, left = self._judge.newest(self._line, np.where(known, now, self._line))
-            now, variance = now - outlier, variance + left
-        if known.all():
-            return now, variance
-        return np.where(known, now, self._last()), np.where(known, variance, variance + self._change)
+        now = np.where(known, now, self._last())
+        outlier, left = self._judge.newest(now, known)
+        return now - outlier, self._noise**2 + left + np.where(known, 0.0, self._change)
 
     def _silence(self, until_ns: int) -> None:
         assert self.settled_ns is not None
@@ -295,7 +210,7 @@ class AccelerationHistory:
             at, end_ns = at + 1, t_ns
         if to_ns > end_ns:
             ahead = to_ns - end_ns
-            row[_DENSITY] = (self._change + self.sheet.noise**2) * (ahead / NS_PER_S)
+            row[_DENSITY] = (self._change + self._noise**2) * (ahead / NS_PER_S)
             if ahead > 3 * self._step_ns:
                 row[_ACCEL], row[_DENSITY], row[_LEVEL] = 0.0, 2.0 * _WORK_M_S2**2 * _WORK_S, 0.0
             self._begin[at], self._end[at], self._rows[:, at] = end_ns, to_ns, row
