@@ -12,7 +12,8 @@ from twin.errors import BadInputError
 from twin.execution import execute
 from twin.scenario import load
 from twin.scoring import score
-from twin.stress import Parts, TaskResult, make_plan, parse_vary, run_task, run_tasks, tasks
+from twin.stress import Parts, Task, TaskResult, make_plan, parse_vary, run_task, run_tasks
+from twin.stress import plan as planning
 
 CHECK = {"metric": "central.row_speed.mean_abs_error_m_s", "max": 0.5, "percentile": 90.0}
 
@@ -49,8 +50,8 @@ def test_members_score_as_the_single_runs_do(scenario_file: Path) -> None:
 def test_blocks_do_not_change_the_numbers(scenario_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = make_plan(scenario_file, runs=5, worlds=1, settings=[], vary=[], seed=None)
     whole = run_task(plan, 0, 0)
-    monkeypatch.setattr(tasks, "BLOCK", 2)
-    pieces = run_task(plan, 0, 0)
+    monkeypatch.setattr(planning, "BLOCK", 2)
+    pieces = run_task(make_plan(scenario_file, runs=5, worlds=1, settings=[], vary=[], seed=None), 0, 0)
     for name, values in whole.metrics.items():
         np.testing.assert_allclose(values, pieces.metrics[name], rtol=1e-9, atol=1e-9, err_msg=name)
 
@@ -59,7 +60,7 @@ def test_workers_do_not_change_the_numbers(scenario_file: Path) -> None:
     plan = make_plan(scenario_file, runs=2, worlds=2, settings=[], vary=["driver.speed_m_s=1.0,2.0"], seed=None)
     alone = dict(run_tasks(plan, workers=1, done={}))
     together = dict(run_tasks(plan, workers=2, done={}))
-    assert list(alone) == list(together) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert list(alone) == list(together) == [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0)]
     for task, result in alone.items():
         _same(result, together[task])
 
@@ -68,14 +69,15 @@ def test_finished_tasks_survive_the_disk(scenario_file: Path, tmp_path: Path) ->
     plan = make_plan(scenario_file, runs=2, worlds=1, settings=[], vary=[], seed=None)
     parts = Parts(tmp_path, plan, plan.load(0, 0))
     result = run_task(plan, 0, 0)
-    parts.write((0, 0), result)
-    read = parts.read()[0, 0]
+    task = Task(0, 0, 0)
+    parts.write(task, result)
+    read = parts.read(task)
     _same(result, read)
     np.testing.assert_equal(read.motion, result.motion)
     assert read.states == result.states
-    assert dict(run_tasks(plan, workers=1, done=parts.read())) == {}
+    assert dict(run_tasks(plan, workers=1, done=parts.finished())) == {}
     next(tmp_path.glob(".stress-*/*.npz")).write_bytes(b"broken")
-    assert parts.read() == {}
+    assert parts.finished() == set()
     parts.remove()
     assert not list(tmp_path.glob(".stress-*"))
 

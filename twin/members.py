@@ -11,6 +11,7 @@ from twin.pictures import Pictures
 from twin.recording import Stream, StreamWriter, hidden_stream, measurement_stream
 from twin.scenario import Scenario
 from twin.sensors import Sample, Sensor, build_sensor
+from twin.sensors.gnss import TRUE_FIX
 from twin.signals import Capture, Event, Measurement, Need, Said
 
 
@@ -55,7 +56,8 @@ class SensorRack:
 class Members(SensorRack):
     """Sensors and estimators of R runs, shown one truth sample by sample.
 
-    With ``keep_measurements`` false only estimates are collected.
+    With ``keep_measurements`` false only estimates are collected, and what is hidden of the receiver whose true fixes
+    are scored (``scoring.fixes_of``).
 
     Raises:
         BadInputError: a sensor or estimator of the scenario cannot be built.
@@ -75,11 +77,21 @@ class Members(SensorRack):
         kept = self.sensors if keep_measurements else {}
         self._measured = {name: StreamWriter(sensor.columns, len(runs)) for name, sensor in kept.items()}
         self._hidden = {name: StreamWriter(sensor.hidden_columns, len(runs)) for name, sensor in kept.items()}
+        self._fixes = self._fix_writer(scenario.scoring.fixes_of, len(runs))
         self._inbox = Inbox(scenario.listens.sensors)
         self._pictures: dict[str, list[EncodedPicture]] = {}
         self.events: list[Event] = []
         """Faults that began or ended."""
         require_columns(scenario, self._bank.columns, {name: sensor.columns for name, sensor in self.sensors.items()})
+
+    def _fix_writer(self, receiver: str | None, runs: int) -> tuple[str, int, StreamWriter] | None:
+        """The receiver whose true fixes are scored, which of its hidden columns tells them, and where they go."""
+        if receiver is None:
+            return None
+        hidden = self.sensors[receiver].hidden_columns
+        if TRUE_FIX not in hidden:
+            raise BadInputError(f"scoring.fixes_of: {receiver!r} does not tell its true fixes ({TRUE_FIX})")
+        return receiver, hidden.index(TRUE_FIX), StreamWriter((TRUE_FIX,), runs)
 
     @property
     def estimate_columns(self) -> dict[str, tuple[str, ...]]:
@@ -95,6 +107,9 @@ class Members(SensorRack):
             self._inbox.deliver(measurement)
         if sensor in self._hidden:
             self._keep(sensor, capture, sample)
+        elif self._fixes is not None and sensor == self._fixes[0]:
+            _, column, writer = self._fixes
+            writer.append(capture.t_ns, sample.hidden[:, column : column + 1])
 
     def _keep(self, sensor: str, capture: Capture, sample: Sample) -> None:
         self._hidden[sensor].append(capture.t_ns, sample.hidden)
@@ -127,6 +142,13 @@ class Members(SensorRack):
     def drain_estimates(self) -> dict[str, Stream]:
         """What each estimator said since the last time, by its name; it is valid until they speak again."""
         return self._bank.drain()
+
+    def drain_fixes(self) -> Stream | None:
+        """Since the last time, when the receiver whose true fixes are scored had one: column ``true_fix``.
+
+        None if no receiver is asked for. Like estimates it is valid until more is observed.
+        """
+        return None if self._fixes is None else self._fixes[2].drain()
 
     def pictures(self) -> dict[str, Pictures]:
         """What the cameras of the first member saw, by sensor."""
@@ -174,9 +196,9 @@ def require_columns(
     Raises:
         BadInputError: naming the column.
     """
-    given = {**estimates, **measurements}
     for section, controller in scenario.controllers.items():
         for name, columns in controller.needed_columns.items():
+            given = estimates if name in controller.listens.estimators else measurements
             missing = [column for column in columns if column not in given[name]]
             if missing:
                 raise BadInputError(

@@ -52,6 +52,8 @@ SIGN_SEEN, SIGN_RANGE, SIGN_BEARING = "sign_seen", "sign_range_m", "sign_bearing
 """Whether a stop sign is seen (0 or 1), how far it is, and where to, positive to the left."""
 HEIGHT = "height_m"
 """Of the reference frame (a blade's edge, the plate of a bench) above the design plane."""
+LOAD_SHARE = "blade_load_share"
+"""How full a blade is: the soil it carries over the most that it holds."""
 CLEARANCE = "clearance_m"
 """From the machine's outline to the nearest trunk; zero or less where they touch."""
 
@@ -437,7 +439,8 @@ class Knowledge:
     vehicle: VehicleState | None = None
     """What is to be seen from the seat, which is the truth; None where nobody follows it."""
     implement: Said | None = None
-    """True height and vertical speed of the implement, by column; None where nobody follows them."""
+    """True height and vertical speed of the implement and how full its blade is, by column; None where nobody sees
+    them."""
     said: Mapping[str, Said] = field(default_factory=dict)
     """Latest estimate by estimator, of those that have spoken."""
     measured: Mapping[str, Said] = field(default_factory=dict)

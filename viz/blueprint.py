@@ -22,10 +22,13 @@ same names."""
 _LEAST_RANGE = 2e-3
 """Of a plot, in whatever unit it has."""
 _SKY = (184, 205, 224)
-_SOIL = (58, 46, 36)
 _NIGHT = (13, 16, 17)
+_LANES_HEAD, _LANE = 0.07, 0.048
+"""Share of the window's height that the title and the times above lanes take, and each lane."""
 _PICTURE_SHARE = 1.5
 """Height of a row with a picture where the field\'s is 3."""
+_WIDE = 1.2
+"""Width of a map, in its heights, from which on two do better below one another."""
 _DIAL_SHARE = 1.5
 """Height of a dial, in rows of plots."""
 
@@ -41,13 +44,12 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     ]
     logs = [_log_view(panel) for panel in by_kind[PanelKind.LOG]]
     plots = [_plot_view(panel, sheet, duration_ns) for panel in by_kind[PanelKind.PLOT]]
-    maps = [_map_view(panel, sheet, _SOIL) for panel in by_kind[PanelKind.MAP]]
+    maps = _maps(by_kind[PanelKind.MAP], sheet)
     dials = [_map_view(panel, sheet, _NIGHT) for panel in by_kind[PanelKind.DIAL]]
-    side_by_side = [rrb.Horizontal(*maps, name="Seeds in a turn")] if len(maps) > 1 else maps
     pictures = [rrb.Spatial2DView(origin=_root(p), name=p.title) for p in by_kind[PanelKind.PICTURE]]
     below = _beside(_tabs([*lanes, *logs]), _tabs(pictures))
     lower = max(_lanes_share(sheet), _PICTURE_SHARE) if pictures else _lanes_share(sheet)
-    left = _column([_tabs([*field, *side_by_side, *pages]), below], shares=(3.0, lower))
+    left = _column([_tabs([*field, *maps, *pages]), below], shares=(3.0, lower))
     right = _column([*dials, _grid(plots)], shares=[*[_DIAL_SHARE] * len(dials), max(1.0, -(-len(plots) // 2))])
     parts = [part for part in (left, right) if part is not None]
     return rrb.Blueprint(
@@ -60,10 +62,23 @@ def layout(sheet: Sheet, duration_ns: int) -> rrb.Blueprint:
     )
 
 
+def _maps(panels: Sequence[Panel], sheet: Sheet) -> list[rrb.View | rrb.Container]:
+    """A tab for all maps that share its name: side by side, or wide ones below one another."""
+    tabs: list[rrb.View | rrb.Container] = []
+    for tab in dict.fromkeys(panel.tab for panel in panels):
+        shared = [panel for panel in panels if panel.tab == tab]
+        views = [_map_view(panel, sheet, entities.MAP_COLOUR) for panel in shared]
+        (left, right), (top, bottom) = sheet.bounds[shared[0].origin]
+        beside = rrb.Horizontal if right - left < _WIDE * (bottom - top) else rrb.Vertical
+        tabs.append(beside(*views, name=tab) if len(views) > 1 else views[0])
+    return tabs
+
+
 def _lanes_share(sheet: Sheet) -> float:
-    """Height of the lanes where the field's is 3: four lanes fit in 1."""
+    """Height of the lanes where the field's is 3: four lanes fit in 1, and eight in 2.5."""
     lanes = sum(entity.startswith(f"{entities.STATE}/") for entity in sheet.entities)
-    return min(max(1.0, lanes / 4.0), 2.0)
+    taken = _LANES_HEAD + _LANE * lanes
+    return min(max(1.0, 3.0 * taken / max(1.0 - taken, 0.1)), 2.5)
 
 
 def _root(panel: Panel) -> str:
@@ -120,7 +135,8 @@ def _plot_view(panel: Panel, sheet: Sheet, duration_ns: int) -> rrb.TimeSeriesVi
     names = {curve.name for curve in curves}
     corner, hidden = emptiest_corner(curves, duration_ns, begin_ns=sheet.begin_ns)
     # What another panel lists with its colours need not be told again where that would cover curves.
-    told = names <= sheet.listed and (len(names) > _LEGEND_MOST or hidden > _LEGEND_HIDES)
+    known = names <= sheet.listed or panel.origin in sheet.told_beside
+    told = known and (len(names) > _LEGEND_MOST or hidden > _LEGEND_HIDES)
     return rrb.TimeSeriesView(
         origin=_root(panel),
         name=panel.title,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,16 +12,21 @@ from twin.recording import Recording
 from twin.scenario import Scenario, loads
 from twin.sensors.lidar import LidarConfig
 from twin.signals import NS_PER_S, FloatArray
+from twin.world.clearance import Outline
 from twin.world.ground import build_ground
+from twin.world.machine import MachineBaseConfig
 from twin.world.magnetics import IronConfig, MagnetConfig, Magnetics, MagneticsConfig
 from twin.world.orchard import planted
 from twin.world.signs import put_up
 from twin.world.terrain import Terrain
 from twin.world.urdf import read_urdf
+from viz.levelled import highest_ground
 from viz.magnetic import MU0_4PI_UT, MagneticPieces
 from viz.scene import Scanner, Scene
 
 _SHARE_S = 0.05
+_OURS = "height_filter"
+"""Kind of estimator whose sigma is drawn about its height."""
 _PATH_STEP_M = 0.5
 """Of the drawn path; a tenth of it for machines that turn within their own length."""
 
@@ -54,6 +60,8 @@ def scene_of(recording: Recording) -> Scene:
             orchard=scenario.orchard,
             signs=scenario.signs,
         )
+    kinds = {name: estimator.kind for name, estimator in scenario.estimators.items()}
+    ours = frozenset(name for name, kind in kinds.items() if kind == _OURS)
     return Scene(
         urdf=machine.asset,
         heights=terrain.heights,
@@ -61,15 +69,39 @@ def scene_of(recording: Recording) -> Scene:
         cell_m=terrain.cell_m,
         planned_path=path,
         row_count=len(machine.rows_y_m),
-        footprint_m=machine.footprint_m,
+        footprint_m=_footprint(machine),
         paved=scenario.soil.preset == "asphalt",
         trunks=planted(trunks, terrain),
         signs=put_up(scenario.signs, terrain),
         magnetic=_magnetic(scenario.magnetics, terrain, ended_t_s=recording.ended_t_s),
         scanners=_scanners(scenario),
         hidden=frozenset(set(scenario.estimators) - set(drawn)) if drawn else frozenset(),
+        banded=ours or None,
+        levelling=scenario.levelling,
+        blade=machine.model(recording.seed).blade,
+        bench=machine.fixed,
+        antennas=_antennas(scenario),
+        highest=highest_ground(terrain.heights, recording.ground) if recording.ground is not None else None,
         segment_labels=driver.segment_names,
     )
+
+
+def _footprint(machine: MachineBaseConfig) -> Outline:
+    """The machine's footprint; of a bench, whose joints stand above one another, the square that fits in its reach."""
+    half = machine.reach_m * math.sqrt(0.5)
+    return ((-half, -half), (half, half)) if machine.fixed else machine.footprint_m
+
+
+def _antennas(scenario: Scenario) -> dict[str, FloatArray]:
+    """From the reference frame to the antennas that sit on its body."""
+    machine = scenario.machine
+    reference = machine.reference
+    found: dict[str, FloatArray] = {}
+    for name, sensor in scenario.sensors.items():
+        mount = machine.resolved_mounts[sensor.mount]
+        if sensor.kind == "gnss" and mount.body == reference.body:
+            found[name] = np.subtract(mount.xyz_m, reference.xyz_m)
+    return found
 
 
 def _magnetic(config: MagneticsConfig, terrain: Terrain, *, ended_t_s: float) -> MagneticPieces:

@@ -63,6 +63,21 @@ def magnetic_reach(piece: int) -> str:
     return f"{WORLD}/magnetic_reach/{piece}"
 
 
+SURFACE = "world/surface"
+"""The field to be levelled, in tiles."""
+AREA = "world/area"
+"""Outline of the part of the field whose flatness is judged."""
+HEIGHT_LEGEND = "world/height_legend"
+"""What the colours of heights mean; it goes with the machine, and so stays in its place of the picture."""
+LOAD = "world/load"
+"""Soil that the blade carries."""
+
+
+def surface_tile(index: int) -> str:
+    """A tile of the field to be levelled."""
+    return f"{SURFACE}/{index}"
+
+
 def true_trail(row: int | None = None) -> str:
     """Where a row unit truly went, or else the reference point."""
     return f"{WORLD}/truth/trail" if row is None else f"{WORLD}/truth/row_{row}"
@@ -121,6 +136,11 @@ def seeds(estimator: str) -> str:
 def seed_map(estimator: str) -> str:
     """Map of the seeds in one turn."""
     return f"seed_map/{estimator}"
+
+
+def height_map(which: str) -> str:
+    """Map of the field's heights, before or after."""
+    return f"height_map/{which}"
 
 
 # --- pictures ---------------------------------------------------------------------------------------------------------
@@ -199,6 +219,11 @@ def event_log(source: str) -> str:
 TRUTH_COLOUR: Colour = (240, 240, 240)
 MEASURED_COLOUR: Colour = (125, 125, 125)
 PLANNED_COLOUR: Colour = (250, 225, 130)
+LIMIT_COLOUR: Colour = (205, 70, 70)
+"""Of lines at a limit that is to be kept."""
+
+MAP_COLOUR: Colour = (58, 46, 36)
+"""Of the ground on maps."""
 
 CALM_COLOUR: Colour = (52, 60, 66)
 TURN_COLOUR: Colour = (140, 85, 165)

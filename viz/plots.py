@@ -17,6 +17,7 @@ from twin.scoring.ensemble import QUANTILES, quantiles
 from twin.signals import NS_PER_S
 from twin.stress import Point, StressResult, headline_metrics
 from viz import entities
+from viz.height_plots import FAMILY, draw_heights, physical_limit
 
 _TITLES = {
     "row_speed_m_s": "Largest row-speed error [m/s]",
@@ -50,6 +51,10 @@ def draw_stress(result: StressResult, folder: Path) -> list[Path]:
         for index, point in enumerate(result.points):
             suffix = f"_{index}" if len(result.points) > 1 else ""
             files += _save(_envelopes(result, point), folder / f"envelopes{suffix}.png")
+            colours = _colours(list(point.envelopes))
+            limit = physical_limit(result.plan.load(index, 0).scenario)
+            heights = draw_heights(result, point, colours, _title(result, point), limit=limit)
+            files += _save(heights, folder / f"heights{suffix}.png")
             files += _save(_distributions(result, point), folder / f"distributions{suffix}.png")
         if len(result.points) > 1:
             files += _save(_trends(result), folder / "trends.png")
@@ -125,6 +130,7 @@ def _unit(metric: str) -> str:
         ("_m_s", "m/s"),
         ("_rad_s", "rad/s"),
         ("_deg", "deg"),
+        ("_mm", "mm"),
         ("_m", "m"),
         ("_s", "s"),
         ("_percent", "%"),
@@ -135,12 +141,17 @@ def _unit(metric: str) -> str:
 
 
 def _in_words(metric: str) -> str:
-    words = re.sub(r"_(m_s|rad_s|deg|m|s|percent)\Z", "", metric).replace("_", " ").replace(".", ": ")
+    words = re.sub(r"_(m_s|rad_s|deg|mm|m|s|percent)\Z", "", metric).replace("_", " ").replace(".", ": ")
     return f"{words} [{_unit(metric)}]"
 
 
 def _distributions(result: StressResult, point: Point) -> Figure | None:
-    shown = [name for name in headline_metrics(result.loaded, list(point.table)) if "consistency" not in name]
+    # the times until the tolerance is exceeded have a plot of their own
+    shown = [
+        name
+        for name in headline_metrics(result.loaded, list(point.table))
+        if "consistency" not in name and not name.endswith(FAMILY.time_to_tolerance)
+    ]
     metrics = list(dict.fromkeys(name.partition(".")[2] for name in shown))[:_MOST_PLOTS]
     if not metrics:
         return None
@@ -181,6 +192,7 @@ def _trends(result: StressResult) -> Figure | None:
             if name not in first.table:
                 continue
             spread = np.array([quantiles(point.table[name]) for point in result.points])
+            spread[~np.isfinite(spread)] = np.nan  # what never happened has no place on the axis
             reach = np.abs(spread[:, [0, 2]] - spread[:, [1]]).T
             x = places + 0.08 * (offset - (len(colours) - 1) / 2)
             axis.errorbar(x, spread[:, 1], yerr=reach, color=colour, marker="o", capsize=3, label=estimator)

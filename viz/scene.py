@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.signals import FloatArray
+from twin.world.blade_spec import BladeSpec
+from twin.world.levelling import LevellingConfig
 from viz.magnetic import MagneticPieces
 
 _BEYOND_M, _BEYOND_SHARE = 1.0, 0.45
@@ -57,6 +59,18 @@ class Scene:
     """Lidars on the machine's root link, by the sensor's name."""
     hidden: frozenset[str] = frozenset()
     """Estimators that are not drawn."""
+    banded: frozenset[str] | None = None
+    """Estimators whose claimed sigma is drawn about their height; None: of all that claim one."""
+    levelling: LevellingConfig = field(default_factory=LevellingConfig)
+    """Design plane and area to be levelled, if there is one."""
+    blade: BladeSpec | None = None
+    """With which the machine moves soil."""
+    bench: bool = False
+    """The machine's root stands still: it is looked at from its front."""
+    antennas: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(3,) from the reference frame to an antenna that moves with it, in its own axes, by the receiver's name."""
+    highest: FloatArray | None = None
+    """(ny, nx) the highest that the ground ever is, where soil is moved: on it, lines are drawn."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 
@@ -84,8 +98,12 @@ class Scene:
         return tuple(sorted({1, self.row_count})) if self.row_count > 0 else ()
 
     def height_at(self, east_m: FloatArray, north_m: FloatArray) -> FloatArray:
-        """Bilinear height of the ground, m, at points of any shape; beyond the edge the edge's height. NaN stays."""
-        ny, nx = self.heights.shape
+        """Bilinear height of the ground, m, at points of any shape; beyond the edge the edge's height. NaN stays.
+
+        Where soil is moved, that of the highest ground there ever is.
+        """
+        heights = self.heights if self.highest is None else self.highest
+        ny, nx = heights.shape
         x = np.clip((np.asarray(east_m) - self.origin_m[0]) / self.cell_m, 0.0, nx - 1.0)
         y = np.clip((np.asarray(north_m) - self.origin_m[1]) / self.cell_m, 0.0, ny - 1.0)
         unknown = np.isnan(x) | np.isnan(y)
@@ -93,7 +111,7 @@ class Scene:
         column = np.minimum(x.astype(np.int64), nx - 2)
         row = np.minimum(y.astype(np.int64), ny - 2)
         fx, fy = x - column, y - row
-        low = self.heights[row, column] * (1.0 - fx) + self.heights[row, column + 1] * fx
-        high = self.heights[row + 1, column] * (1.0 - fx) + self.heights[row + 1, column + 1] * fx
+        low = heights[row, column] * (1.0 - fx) + heights[row, column + 1] * fx
+        high = heights[row + 1, column] * (1.0 - fx) + heights[row + 1, column + 1] * fx
         height: FloatArray = np.where(unknown, np.nan, low * (1.0 - fy) + high * fy)
         return height

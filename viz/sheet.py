@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -11,7 +12,7 @@ import numpy as np
 import rerun as rr
 
 from twin.recording import Recording, Stream
-from twin.signals import LANE_OFFSET, FloatArray, IntArray
+from twin.signals import HEIGHT, LANE_OFFSET, FloatArray, IntArray
 from viz import entities
 from viz.scene import Scene
 
@@ -38,6 +39,8 @@ class Panel:
     """Entity path; the panel shows it and everything below."""
     title: str
     """With the unit in brackets."""
+    tab: str = ""
+    """Name of the tab that maps share, side by side."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,6 +84,11 @@ class Run:
     def keeps_lane(self) -> bool:
         """Whether the machine's driver keeps to a lane."""
         return self.truth is not None and self.truth.has(LANE_OFFSET)
+
+    @property
+    def levels(self) -> bool:
+        """Whether the height of the machine's implement is what it is about."""
+        return self.truth is not None and self.truth.has(HEIGHT)
 
     @property
     def estimators(self) -> list[str]:
@@ -129,6 +137,8 @@ class Sheet:
         """What a map shows at first: range to the right and range downwards, by its origin."""
         self.listed: set[str] = set()
         """Names of series that a panel other than the plots lists with their colours."""
+        self.told_beside: set[str] = set()
+        """Plots that need no legend where it would cover curves, since the plot beside has the same names."""
         self.begin_ns = 0
         """Where the plots begin: later than the run, if the machine stands for most of it."""
         self.follow: str | None = None
@@ -156,17 +166,47 @@ class Sheet:
             self.curves.setdefault(entity.rpartition("/")[0], []).append(Curve(name=name, t_ns=t_ns, values=values))
 
     def line(
-        self, entity: str, t_ns: IntArray, values: FloatArray, colour: entities.Colour, *, width: float = 1.5
+        self,
+        entity: str,
+        t_ns: IntArray,
+        values: FloatArray,
+        colour: entities.Colour,
+        *,
+        width: float = 1.5,
+        name: str = "",
+        within: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
-        """Draw one line of a plot, named after the entity's last part; gaps (NaN) are left out."""
-        known, name = np.isfinite(values), entities.legend_name(entity.rpartition("/")[2])
+        """Draw one line of a plot, named after the entity's last part unless told; gaps (NaN) are left out.
+
+        What lies outside of ``within`` does not widen the plot's range.
+        """
+        known, name = np.isfinite(values), name or entities.legend_name(entity.rpartition("/")[2])
         self.rows(entity, t_ns[known], rr.Scalars.columns(scalars=values[known]))
-        self.curve(entity, name, t_ns[known], values[known])
+        self.curve(entity, name, t_ns[known], np.clip(values[known], *within))
         if known.any():
             self.static(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[width]))
 
-    def panel(self, kind: PanelKind, origin: str, title: str) -> None:
+    def band(
+        self,
+        entity: str,
+        t_ns: IntArray,
+        middle: FloatArray,
+        sigma: FloatArray,
+        colour: entities.Colour,
+    ) -> None:
+        """Draw one claimed standard deviation to either side of ``middle`` beside the line of ``entity``.
+
+        It has that line's name, so that both share an entry in the legend.
+        """
+        known, name = np.isfinite(middle) & np.isfinite(sigma), entities.legend_name(entity.rpartition("/")[2])
+        columns = rr.Measurements.columns(values=middle[known], variances=sigma[known] ** 2)
+        self.rows(entities.band(entity), t_ns[known], columns)
+        if known.any():
+            style = rr.Measurements.from_fields(colors=[colour], names=[name], widths=[0.5])
+            self.static(entities.band(entity), style)
+
+    def panel(self, kind: PanelKind, origin: str, title: str, *, tab: str = "") -> None:
         """Ask for a panel, once something was drawn at or below ``origin``; asking again changes nothing."""
         drawn = any(entity == origin or entity.startswith(origin + "/") for entity in self.entities)
         if drawn and all(panel.origin != origin for panel in self.panels):
-            self.panels.append(Panel(kind=kind, origin=origin, title=title))
+            self.panels.append(Panel(kind=kind, origin=origin, title=title, tab=tab))

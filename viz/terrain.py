@@ -26,6 +26,8 @@ GRID_M = 10.0
 _EXAGGERATION = 5.0
 _SUN = np.array([-0.55, 0.45, 0.70])
 _TILE = 256
+_SUNK_M = 1.0
+"""How much deeper the mesh lies in a hole: below all that a blade cuts."""
 _SOIL = (np.array([112.0, 88.0, 60.0]), np.array([150.0, 122.0, 84.0]), np.array([104.0, 122.0, 58.0]))
 _ASPHALT = (np.array([92.0, 93.0, 96.0]), np.array([116.0, 117.0, 119.0]), np.array([100.0, 101.0, 104.0]))
 """Colours of what lies low (damp), of what lies high (dry), and of what grows, or has been mended, in patches."""
@@ -73,10 +75,21 @@ def window_around(scene: Scene, points: FloatArray, margin_m: float = MARGIN_M) 
     return Window(rows=clip(low[1], high[1], ny), columns=clip(low[0], high[0], nx))
 
 
-def terrain_mesh(scene: Scene, window: Window, *, max_vertices: int = MAX_VERTICES) -> TerrainMesh:
-    """Build the mesh of a part of the ground, of at most ``max_vertices`` vertices."""
+def terrain_mesh(
+    scene: Scene, window: Window, *, hole: Window | None = None, max_vertices: int = MAX_VERTICES
+) -> TerrainMesh:
+    """Build the mesh of a part of the ground, of about ``max_vertices`` vertices at most.
+
+    In the hole, whose edges are edges of the mesh, it lies deeper: there something else is drawn.
+    """
     rows, columns = _every(window.rows, window.columns, max_vertices)
+    if hole is not None:
+        rows, columns = _with_ends(rows, hole.rows), _with_ends(columns, hole.columns)
     heights = scene.heights[np.ix_(rows, columns)]
+    if hole is not None:
+        inside = [(nodes > first) & (nodes < end - 1) for nodes, (first, end) in
+                  ((rows, hole.rows), (columns, hole.columns))]  # fmt: skip
+        heights = heights - _SUNK_M * np.outer(*inside)
     east, north = _places(scene, rows, columns)
     slope_n, slope_e = np.gradient(heights, north, east)
     ny, nx = heights.shape
@@ -96,8 +109,8 @@ def terrain_mesh(scene: Scene, window: Window, *, max_vertices: int = MAX_VERTIC
 
 
 def grid_spacing_m(scene: Scene) -> float:
-    """Distance of grid lines that suits the machine: ten metres, or one for a machine of less than two."""
-    return GRID_M if scene.scale > 1.0 / 3.0 else GRID_M / 10.0
+    """Distance of grid lines that suits the machine: ten metres, or one for a bench or a machine of less than two."""
+    return GRID_M if scene.scale > 1.0 / 3.0 and not scene.bench else GRID_M / 10.0
 
 
 def grid_lines(scene: Scene, window: Window, spacing_m: float = GRID_M) -> list[FloatArray]:
@@ -132,6 +145,12 @@ def _every(rows: tuple[int, int], columns: tuple[int, int], budget: int) -> tupl
         n = max(2, math.floor((last - first) * share))
         picked.append(np.linspace(first, last - 1, n).round().astype(np.int64))
     return picked[0], picked[1]
+
+
+def _with_ends(picked: NDArray[np.int64], span: tuple[int, int]) -> NDArray[np.int64]:
+    """Picked rows or columns, with both ends of a half-open range that lie among them."""
+    ends = np.array([end for end in (span[0], span[1] - 1) if picked[0] <= end <= picked[-1]], dtype=np.int64)
+    return np.union1d(picked, ends)
 
 
 def _triangles(ny: int, nx: int) -> NDArray[np.uint32]:

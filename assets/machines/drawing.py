@@ -197,10 +197,19 @@ class Builder:
             f'<origin xyz="{numbers(*xyz)}"/><axis xyz="{numbers(*axis)}"/>{bounds}</joint>'
         )
 
+    def slide(self, name: str, parent: str, child: str, xyz: tuple, lowest: float, highest: float) -> None:
+        """A prismatic joint along z."""
+        self.lines.append(
+            f'  <joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{numbers(*xyz)}"/><axis xyz="0 0 1"/>'
+            f'<limit lower="{lowest:g}" upper="{highest:g}" effort="1e6" velocity="100"/></joint>'
+        )
+
     def write(self, folder: Path, meshes: dict[str, list]) -> None:
         """Write ROBOT.urdf into ``folder``, and its meshes into a folder of its name beside it."""
         below = folder / self.robot
-        below.mkdir(exist_ok=True)
+        if meshes:
+            below.mkdir(exist_ok=True)
         for name, triangles in meshes.items():
             write_stl(below / f"{name}.stl", triangles)
         (folder / f"{self.robot}.urdf").write_text("\n".join([*self.lines, "</robot>", ""]))

@@ -19,7 +19,7 @@ import pytest
 
 from tests.cli.command import ROOT, command_line, environment, twin, write_scenario
 from tests.small_scenario import SMALL
-from twin.stress import Parts, make_plan, run_task
+from twin.stress import Parts, Task, make_plan, run_task
 
 SPEED_ERROR = "central.row_speed.mean_abs_error_m_s"
 HOLDS = {"metric": SPEED_ERROR, "max": 10.0}
@@ -258,7 +258,7 @@ def test_a_resumed_stress_test_ends_as_if_it_had_not_been_interrupted(tmp_path: 
 
     plan = make_plan(path, runs=2, worlds=2, settings=[], vary=[], seed=None)
     parts = Parts(tmp_path / "resumed" / "small", plan, plan.load(0, 0))
-    parts.write((0, 0), run_task(plan, 0, 0))
+    parts.write(Task(0, 0, 0), run_task(plan, 0, 0))
     resumed = twin(*options, tmp_path / "resumed", "--resume", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     assert "world 1 of 2" not in resumed.stdout
@@ -289,7 +289,7 @@ def test_a_terminated_stress_test_leaves_hidden_parts_only(tmp_path: Path) -> No
     )
     parts = tmp_path / "runs" / "small"
     deadline = time.monotonic() + 60.0
-    while not list(parts.glob(".stress-*/point*world0.npz")) and time.monotonic() < deadline:
+    while not list(parts.glob(".stress-*/point*world0_block0.npz")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=60)
@@ -299,7 +299,7 @@ def test_a_terminated_stress_test_leaves_hidden_parts_only(tmp_path: Path) -> No
     assert left.name.startswith(".stress-")
     assert [entry.name for entry in parts.parent.iterdir()] == ["small"]
     names = {entry.name for entry in left.iterdir()}
-    assert "point0_world0.npz" in names
+    assert "point0_world0_block0.npz" in names
     assert all(name.endswith(".npz") and ".partial" not in name for name in names), names
 
 

@@ -59,3 +59,9 @@ def test_turning_points_are_spread_over_the_travel() -> None:
     assert abs(np.mean(turns)) < 0.02
     with pytest.raises(ValueError, match="reach_m"):
         ReciprocationConfig(kind="reciprocation", reach_m=0.25)
+
+
+def test_no_stroke_is_a_blow() -> None:
+    _, speeds = _moved(seed=7, rest_probability=0.0, hardest_m_s2=1.0)
+    # what the hand corrects and the step of 20 ms add some per cent
+    assert 0.8 < np.abs(np.diff(speeds) / _STEP_S)[300:].max() < 1.15

@@ -10,7 +10,7 @@ from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.recording import Recording
 from twin.scenario import bundled, load
 from twin.scoring import score
-from twin.scoring.metrics import compare
+from twin.scoring.compared import compare
 from twin.signals import NS_PER_S
 
 ROW_1_Y_M = 2.625

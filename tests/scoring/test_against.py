@@ -10,6 +10,7 @@ from twin import scenario as scenario_files
 from twin.errors import BadInputError
 from twin.recording import Recording, Stream
 from twin.scoring import metrics, score
+from twin.scoring.scorer import Scorer
 
 NAME = "radar_only.row_speed.mean_abs_difference_m_s"
 COLUMNS = ("speed_m_s", "row_speed_1_m_s", "row_speed_2_m_s")
@@ -51,7 +52,7 @@ def test_names_are_known_beforehand_and_pieces_are_the_whole() -> None:
     columns = dict.fromkeys(("radar_only", "central"), COLUMNS)
     whole = score(made).metrics
     assert list(whole) == metrics.metric_names(parsed, COLUMNS, columns)
-    scorer = metrics.Scorer(parsed, COLUMNS, columns)
+    scorer = Scorer(parsed, COLUMNS, columns)
     estimates = {name: made.estimates(name) for name in columns}
     for at in range(0, 500, 70):
         cut = {

@@ -9,9 +9,10 @@ import pytest
 from tests.small_scenario import small_scenario
 from twin.recording import Stream, covariance_column
 from twin.scenario import Scenario, resolve
+from twin.scoring.compared import compare, sampled_nees
 from twin.scoring.consistency import NEES_PERIOD_NS, nees, nis_degrees, state_columns
 from twin.scoring.ensemble import over_worlds
-from twin.scoring.metrics import Scorer, compare, sampled_nees
+from twin.scoring.scorer import Scorer
 from twin.signals import HEADING, NS_PER_S, POSITION, SPEED, FloatArray, IntArray
 
 STATES = (SPEED, HEADING)

@@ -9,6 +9,7 @@ from tests.small_scenario import small_scenario_toml
 from twin import scenario as scenario_files
 from twin.recording import Recording, Stream
 from twin.scoring import metrics, score
+from twin.scoring.scorer import Scorer
 
 DT_NS = 20_000_000
 
@@ -129,7 +130,7 @@ def test_scoring_in_pieces_is_scoring_the_whole(recording: Recording) -> None:
     parsed = scenario_files.loads(recording.scenario_toml, where="made_up")
     whole = metrics.compute(recording, parsed)
     estimate = recording.estimates("one")
-    scorer = metrics.Scorer(parsed, recording.truth.columns, {"one": estimate.columns})
+    scorer = Scorer(parsed, recording.truth.columns, {"one": estimate.columns})
     for truth, piece in zip(_pieces(recording.truth, 701), _pieces(estimate, 701), strict=True):
         scorer.add(truth, {"one": piece})
     for name, value in scorer.metrics().items():

@@ -11,6 +11,7 @@ from twin import scenario as scenario_files
 from twin.recording import Recording, Stream
 from twin.scoring import metrics
 from twin.scoring.planting import STREAM_COLUMNS, seed_streams
+from twin.scoring.scorer import Scorer
 
 DT_S = 0.02
 X_REF = 0.16
@@ -242,7 +243,7 @@ def test_pieces_score_as_the_whole_does(whole_truth: bool) -> None:
     parsed = scenario_files.loads(recording.scenario_toml, where="made_up")
     whole = metrics.compute(recording, parsed)
     estimate = recording.estimates("one")
-    scorer = metrics.Scorer(parsed, truth.columns, {"one": estimate.columns})
+    scorer = Scorer(parsed, truth.columns, {"one": estimate.columns})
     for true, piece in zip(_pieces(truth, 701), _pieces(estimate, 701), strict=True):
         scorer.add(truth if whole_truth else true, {"one": piece})
     for name, value in scorer.metrics().items():

@@ -19,9 +19,8 @@ from twin.recording import (
     covariance_column,
     estimate_stream,
     measurement_stream,
-    sigma_column,
 )
-from twin.signals import NS_PER_S, Event, FloatArray, row_position, row_speed
+from twin.signals import NS_PER_S, Event, FloatArray, row_position, row_speed, sigma_column
 from viz.scene import Scene
 
 RATE_HZ = 50

@@ -12,6 +12,8 @@ from twin.world.machine import MachineBaseConfig
 from twin.world.orchard_robot import OrchardRobotConfig, OrchardRobotLargeConfig
 from twin.world.planter_f8 import PlanterF8Config
 from twin.world.prototype_car import PrototypeCarConfig
+from twin.world.rail_bench import RailBenchConfig
+from twin.world.scraper import ScraperConfig
 from twin.world.simulation import World, build_world
 from twin.world.soil import SoilConfig
 from twin.world.terrain import FlatTerrain, SlopeTerrain
@@ -23,6 +25,8 @@ MACHINES: dict[str, type[MachineBaseConfig]] = {
     "prototype_car": PrototypeCarConfig,
     "orchard_robot": OrchardRobotConfig,
     "orchard_robot_large": OrchardRobotLargeConfig,
+    "rail_bench": RailBenchConfig,
+    "scraper": ScraperConfig,
 }
 """Machines by kind."""
 

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.signals import FloatArray
-from twin.world.blade import BLADE_COLUMNS, Blade, BladeSpec
+from twin.world.blade import BLADE_COLUMNS, Blade
+from twin.world.blade_spec import BladeSpec
 from twin.world.terrain import Terrain
 
 WIDTH, HEIGHT = 2.4, 0.35

@@ -85,7 +85,7 @@ def _compare_runs(first: _Folder, second: _Folder, tolerance: float) -> list[Dif
 
 
 def _compare_stress(first: _Folder, second: _Folder, tolerance: float) -> list[Difference]:
-    """Quantiles of every metric at every point of ``--vary``."""
+    """Quantiles of every metric, and every pooled figure, at every point of ``--vary``."""
     return compare_metrics(_quantiles(first), _quantiles(second), tolerance=tolerance)
 
 
@@ -108,6 +108,8 @@ def _quantiles(folder: _Folder) -> dict[str, float | None]:
             for name, values in point["metrics"].items():
                 for quantile, value in _numbers(values, folder.path).items():
                     found[f"{name} {quantile}{varied}"] = value
+            for name, value in _numbers(point.get("pooled", {}), folder.path).items():
+                found[f"{name}{varied}"] = value
     except (KeyError, TypeError, AttributeError) as error:
         raise BadInputError(f"{folder.path}/result.json: not a result of a stress test ({error!r})") from error
     return found

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,9 +26,10 @@ from twin.stress import (
     Plan,
     Point,
     StressResult,
+    TaskResult,
     headline_metrics,
     make_plan,
-    merge_results,
+    merge_in_order,
     run_tasks,
     write_files,
 )
@@ -64,18 +66,13 @@ def run_stress(name: str, options: StressOptions) -> int:
     reporter.line(f"{loaded.name}: {loaded.scenario.title}")
     started = time.perf_counter()
     parts = Parts(options.out / loaded.name, plan, loaded)
-    results = parts.read() if options.resume else {}
-    for task, result in run_tasks(plan, workers=options.workers, done=results, tell=reporter.line):
-        results[task] = result
-        if len(plan.tasks()) > 1:
-            parts.write(task, result)
-    timing = {"wall_s": time.perf_counter() - started}
-    for key in ("world", "members"):
-        timing[f"{key}_s"] = sum(result.wall_s[key] for result in results.values())
-    timing["member_s"] = timing["members_s"] / (options.runs * len(results))
+    timing: dict[str, float] = dict.fromkeys(("wall_s", "world_s", "members_s"), 0.0)
+    merged = merge_in_order(loaded, plan, _results(plan, parts, options, reporter, timing))
+    timing["wall_s"] = time.perf_counter() - started
+    timing["member_s"] = timing["members_s"] / (options.runs * options.worlds * len(plan.points))
     if options.singles:
-        timing |= _compare_singles(loaded, plan, results[0, 0].metrics, options.singles, reporter)
-    merged = merge_results(loaded, plan, results, timing)
+        timing |= _compare_singles(loaded, plan, merged.points[0].table, options.singles, reporter)
+    merged.timing = timing
     changed = f"_{parts.digest[:8]}" if options.settings or options.vary else ""
     name = f"stress_seed{plan.seeds[0]}_worlds{options.worlds}_runs{options.runs}{changed}"
     folder = options.out / loaded.name / name
@@ -86,6 +83,25 @@ def run_stress(name: str, options: StressOptions) -> int:
     else:
         _report(merged, folder, pictures, reporter)
     return EXIT_OK if merged.verdict == "pass" else EXIT_FAILED
+
+
+def _results(
+    plan: Plan, parts: Parts, options: StressOptions, reporter: Reporter, timing: dict[str, float]
+) -> Iterator[TaskResult]:
+    """Results of all tasks in their order: read where they were kept, run and kept where not; times are added up."""
+    finished = parts.finished() if options.resume else set()
+    tasks = plan.tasks()
+    with closing(run_tasks(plan, workers=options.workers, done=finished, tell=reporter.line)) as running:
+        for task in tasks:
+            if task in finished:
+                result = parts.read(task)
+            else:
+                _, result = next(running)
+                if len(tasks) > 1:
+                    parts.write(task, result)
+            for key in ("world", "members"):
+                timing[f"{key}_s"] += result.wall_s[key]
+            yield result
 
 
 def _write(merged: StressResult, folder: Path) -> list[str]:
@@ -99,9 +115,12 @@ def _write(merged: StressResult, folder: Path) -> list[str]:
 
 
 def _compare_singles(
-    loaded: LoadedScenario, plan: Plan, metrics: Mapping[str, FloatArray], count: int, reporter: Reporter
+    loaded: LoadedScenario, plan: Plan, table: Mapping[str, FloatArray], count: int, reporter: Reporter
 ) -> dict[str, float]:
-    """Run some members alone, in this process and without .rrd: the same numbers, and how much slower."""
+    """Run some members alone, in this process and without .rrd: the same numbers, and how much slower.
+
+    They are those of the first world of ``table``, (W, R) by metric.
+    """
     import numpy as np  # noqa: PLC0415
 
     from twin.execution import execute  # noqa: PLC0415
@@ -112,8 +131,8 @@ def _compare_singles(
     started = time.perf_counter()
     for run in range(count):
         found = score(execute(loaded, runs=(run,))).metrics
-        for name, values in metrics.items():
-            one, many = found[name], float(values[run])
+        for name, values in table.items():
+            one, many = found[name], float(values[0, run])
             if one == many or (np.isnan(one) and np.isnan(many)):
                 continue
             worst = max(worst, abs(one - many) / (1.0 + abs(one)))
@@ -131,6 +150,8 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         if point.label:
             reporter.line(Text(point.label, style="bold"))
         reporter.table(_distribution(merged, point))
+        if point.pooled:
+            reporter.table(_honesty(point))
         if point.consistency:
             reporter.table(_consistency(point))
         for outcome in point.outcomes:
@@ -147,6 +168,21 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         last.append(f": {timing['single_s'] / share:.0f} times faster per member than alone")
     reporter.line(last)
     reporter.line(f"files: {folder} ({', '.join(pictures)}, members.parquet, envelopes.parquet)")
+
+
+def _honesty(point: Point) -> Table:
+    """A line per estimator, a column per pooled figure."""
+    lines: dict[str, dict[str, float]] = {}
+    for name, value in point.pooled.items():
+        estimator, _, metric = name.partition(".")
+        lines.setdefault(estimator, {})[metric.partition(".")[2].replace("_", " ")] = value
+    headings = list(dict.fromkeys(heading for line in lines.values() for heading in line))
+    table = Table("estimator", title="Honesty, all members of all worlds together")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for estimator, line in lines.items():
+        table.add_row(estimator, *(figure(line.get(heading)) for heading in headings))
+    return table
 
 
 def _consistency(point: Point) -> Table:

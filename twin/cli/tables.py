@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from twin.families import FAMILIES
 from twin.formats.can import BusLoad
 from twin.scenario import Scenario
 from twin.scoring import Repetitions
@@ -19,21 +20,16 @@ if TYPE_CHECKING:
     from twin.cli.running import Crash
 
 COLOURS = {"pass": "bold green", "fail": "bold red", "error": "bold magenta"}
-_HEADLINES = (
+_SEEDS = (
     "seeds.mean_abs_population_error_turns_percent",
     "seeds.quality_of_feed_percent",
     "seeds.precision_percent",
-    "row_speed.mean_abs_error_m_s",
-    "row_speed.mean_abs_error_turns_m_s",
-    "position.rmse_m",
-    "heading.mean_abs_error_deg",
 )
-_SUMMARY = (
-    "row_speed.mean_abs_error_turns_m_s",
-    "row_speed.mean_abs_error_m_s",
-    "speed.mean_abs_error_m_s",
-    "position.rmse_m",
-    "heading.mean_abs_error_deg",
+_HEADLINES = {*_SEEDS, *(family.metric(figure, "") for family in FAMILIES for figure in family.shown)}
+_SUMMARY = tuple(
+    family.metric(figure, "")
+    for family in sorted(FAMILIES, key=lambda family: family.summary_rank)
+    for figure in family.summary
 )
 """What an estimator without a published figure is summed up by: the first of these that it has."""
 _CROP = "seeds.mean_abs_population_error_turns_percent"

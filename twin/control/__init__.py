@@ -115,4 +115,4 @@ ImplementConfigUnion = LevellingControlConfig
 
 def build_implement(config: ImplementConfigUnion) -> ImplementController:
     """Make the controller of the implement that a configuration describes."""
-    return LevellingControl(config)
+    return LevellingControl(config, interval_s=1.0 / CONTROL_HZ)

@@ -2,14 +2,16 @@
 
 The paper's plate was moved by hand "reciprocally along the guide rail", at 0 to 400 mm/s, without touching the stops.
 Here the hand stands still for a while and then makes stroke after stroke, each to a turning point drawn anew within the
-travel less a margin, with a duration that puts the stroke's greatest speed at a drawn share of ``fastest_m_s``, and now
-and then with a rest in between. A stroke has the minimum-jerk profile that a hand's point-to-point movements have
-(Flash and Hogan 1985): z(u) = 10 u^3 - 15 u^4 + 6 u^5 of its length over its duration u in [0, 1], whose greatest speed
-is 15/8 of the mean one.
+travel less a margin, with a duration that puts the stroke's greatest speed at a drawn share of ``fastest_m_s``, or
+lower where a short stroke would be a blow, and now and then with a rest in between. A stroke has the minimum-jerk
+profile that a hand's point-to-point movements have (Flash and Hogan 1985): z(u) = 10 u^3 - 15 u^4 + 6 u^5 of its length
+d over its duration, u in [0, 1]. Its greatest speed v is 15/8 of the mean one, its greatest acceleration
+10 / sqrt(3) d / T^2 = 1.642 v^2 / d.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -21,6 +23,8 @@ from twin.signals import HEIGHT, NS_PER_S, Command, Knowledge, Listening
 
 _STANDING, _MOVING = 0, 1
 _PEAK_TO_MEAN = 15.0 / 8.0
+_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0) / _PEAK_TO_MEAN**2
+"""Greatest acceleration of a stroke in v^2 / d."""
 _HAND_1_S = 10.0
 """How fast the hand corrects what it sees of its error."""
 
@@ -39,6 +43,8 @@ class ReciprocationConfig(Config):
     """Least of the greatest speeds of the strokes."""
     fastest_m_s: Annotated[float, Field(gt=0.0, le=0.4)] = 0.4
     """Greatest speed of any stroke (paper 002: 400 mm/s)."""
+    hardest_m_s2: Annotated[float, Field(gt=0.0, le=10.0)] = 2.0
+    """No stroke is accelerated harder: what an arm does to a plate of some kilograms without effort (a choice)."""
     rest_probability: Probability = 0.2
     """Of resting after a stroke."""
     longest_rest_s: NonNegative = 1.0
@@ -96,4 +102,6 @@ class Reciprocation:
         self._from_m = here
         self._to_m = -reach + drawn if drawn < below else here + config.shortest_m + drawn - max(below, 0.0)
         peak = config.slowest_m_s + (config.fastest_m_s - config.slowest_m_s) * self._random.random()
-        self._begins_s, self._lasts_s = begins_s, _PEAK_TO_MEAN * abs(self._to_m - here) / peak
+        length = abs(self._to_m - here)
+        peak = min(peak, math.sqrt(config.hardest_m_s2 * length / _PEAK_ACCELERATION))
+        self._begins_s, self._lasts_s = begins_s, _PEAK_TO_MEAN * length / peak

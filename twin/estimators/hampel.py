@@ -16,9 +16,14 @@ degrees of freedom, and 3 s stands at 3 / sqrt(2) of it, so that
   a normal error whose median modulus this is), and never less than what the sensor's own noise makes of it. It grows
   with motion and with vibration, and 0.5 s of one or two outliers do not move it. The limit is 4.5 scales: where the
   scale is the white noise's own, estimated, 0.1 % of the samples lie beyond it.
-* A machine that starts moves the acceleration for good, an outlier for one sample. So a sample beyond the limit counts
-  as an outlier unless the one before it was beyond the limit on the same side too. Then both were motion, and what was
-  withheld of the first is given back with the second: the velocity, which is their sum, loses nothing.
+* A machine that starts moves the acceleration for good, an outlier for one sample. So what is withheld of a sample
+  beyond the limit is given back with the next, if that lies nearer to it than to the middle: then both were motion, and
+  the velocity, which is their sum, loses nothing.
+
+On a machine that moves, eqs 1 to 3 do harm beyond the sixth: three samples of an acceleration that grows lie close
+together, and the fourth, farther off than 3 s of them, is taken back to their mean. Its growth comes late, its decay
+does not, so that velocity is lost with every stroke: on strokes of a hand of up to 0.4 m/s enough to make the height of
+paper 002's filter three times as wrong, 40 mm with corrections at their best.
 """
 
 from __future__ import annotations
@@ -91,7 +96,6 @@ class RobustHampel:
         self._deviations: FloatArray = np.zeros((runs, _REMEMBERED))
         self._sorted: FloatArray = np.zeros((runs, _REMEMBERED))
         self._count: IntArray = np.zeros(runs, dtype=np.int64)
-        self._side: FloatArray = np.zeros(runs)
         self._withheld: FloatArray = np.zeros(runs)
         self.replaced: BoolArray = np.zeros(runs, dtype=np.bool_)
 
@@ -106,7 +110,6 @@ class RobustHampel:
             self._deviations,
             self._sorted,
             self._count,
-            self._side,
             self._withheld,
             self.replaced,
         )
@@ -122,7 +125,6 @@ def _robust(  # noqa: PLR0917 - plain loop, called by position
     deviations: FloatArray,
     ordered: FloatArray,
     count: IntArray,
-    side: FloatArray,
     withheld: FloatArray,
     replaced: BoolArray,
 ) -> None:
@@ -137,22 +139,22 @@ def _robust(  # noqa: PLR0917 - plain loop, called by position
             a, b, c = before[run, 0], before[run, 1], before[run, 2]
             middle = max(min(a, b), min(max(a, b), c))
             deviation = sample - middle
-            beyond = 0.0
+            beyond = False
             if seen >= _FEWEST:
                 scale = max(floor, _TO_SIGMA * _median(ordered[run], min(seen, ordered.shape[1])))
-                if abs(deviation) > _ROBUST_LIMIT * scale:
-                    beyond = np.sign(deviation)
+                beyond = abs(deviation) > _ROBUST_LIMIT * scale
             _remember(abs(deviation), seen, deviations[run], ordered[run])
-            if beyond == 0.0:
-                withheld[run] = 0.0
-            elif beyond == side[run]:  # it goes on: motion
+            # The last of ``before`` is the middle that was given out where something was withheld.
+            if withheld[run] != 0.0 and abs(sample - c - withheld[run]) < abs(sample - c):
                 given[run] = sample + withheld[run]
+                before[run, 2] = c + withheld[run]
                 withheld[run] = 0.0
-            else:
+            elif beyond:
                 replaced[run] = True
                 given[run] = passed = middle
                 withheld[run] = deviation
-            side[run] = beyond
+            else:
+                withheld[run] = 0.0
         before[run, 0], before[run, 1], before[run, 2] = before[run, 1], before[run, 2], passed
         count[run] += 1
 

@@ -18,8 +18,8 @@ falls silent in RTK stays in RTK). P is carried over when Q changes: nothing in 
 * ``"quality"``: Q1 for every QI = 4, Q2 for others, the other way to read the brackets;
 * ``"never"``: always Q1: a Kalman filter with fixed parameters.
 
-Neither holds 30 mm for 28 s without corrections: with Q2 the gain does not drop to where Q2 has it, it decays from
-that of Q1, and a height that is half a metre off still goes in 50 times a second. ``coast`` is **not in the paper**:
+None holds 30 mm for 28 s without corrections: with Q2 the gain does not drop to where Q2 has it, it decays from that of
+Q1, and a height that is half a metre off still goes in 50 times a second. ``coast`` is **not in the paper**:
 
 * ``"never"``: an update in every step, as published;
 * ``"quality"``: none where QI is not 4;
@@ -35,8 +35,9 @@ P is the filter's own belief, and the sigmas reported are its roots: 16 mm with 
 chance, and on the way to 2.8 mm with Q2, when the height is worst.
 
 **I.** "I = [1 1]^T is the unit vector" is read as the identity matrix. The program the paper names (Matlab 2016b) is
-the first to take [1 1]^T - K H without complaint, as a matrix whose second column is 1. P then grows without bound, the
-gain goes to [1, 0.99] and the filter repeats GNSS. The paper's figures show no such thing, so there is no option for it.
+the first to take [1 1]^T - K H without complaint, as a matrix whose second column is 1. P then grows without bound,
+the gain goes to [1, 0.99] and the filter repeats GNSS. The paper's figures show no such thing, so there is no option
+for it.
 
 **Left open by the paper.** Eq 15 starts at [0, 0], the height of GNSS then being the zero: here the filter starts,
 standing, at the first height told, which is 0 with ``zero = "start"``. P0 is diag(R, Q1): a height as good as GNSS, a

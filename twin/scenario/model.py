@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, Strict, field_validator, model_validator
 
@@ -14,6 +14,7 @@ from twin.control import DriverConfigUnion, ImplementConfigUnion, PathDriverConf
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
+from twin.families import LIMITED
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
 from twin.signals import JointNeed, Listening
@@ -116,14 +117,27 @@ class ScoringConfig(Config):
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
     height_bound_of: str | None = None
     """Name of an estimator: also give the least error of the height any causal filter with its sensors could have."""
-    limits: dict[Literal["row_speed", "row_position", "position"], Positive] = Field(default_factory=dict)
+    limits: Annotated[dict[str, Positive], Field(json_schema_extra={"propertyNames": {"enum": list(LIMITED)}})] = Field(
+        default_factory=dict
+    )
     """Error (m/s, m) whose first excess since a loss is timed, by family: ``<family>.time_to_limit_s``."""
+    fixes_of: str | None = None
+    """GNSS receiver whose first true fix after the loss begins the time of recovery: ``height.recovery_s`` and others;
+    without it they are not told."""
     smallest_ramp_m_s: Positive | None = None
     """Change of speed from which on reaction time and lag are measured, ``speed.reaction_accelerating_s`` and others;
     without it they are not."""
     reference: str | None = None
     """Estimator from which the others' difference is measured too, ``row_speed.mean_abs_difference_m_s``: what a paper
     without a truth took for it."""
+
+    @field_validator("limits")
+    @classmethod
+    def _families_that_may_be_limited(cls, value: dict[str, float]) -> dict[str, float]:
+        for name in value:
+            if name not in LIMITED:
+                raise ValueError(unknown(name, LIMITED, "family"))
+        return value
 
 
 class RecordingConfig(Config):
@@ -207,6 +221,10 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        return self
+
+    @model_validator(mode="after")
+    def _scored_and_drawn_exist(self) -> Self:
         named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
         named |= {
             f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of", "height_bound_of")
@@ -214,6 +232,9 @@ class Scenario(Config):
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
+        receivers = [name for name, sensor in self.sensors.items() if sensor.kind == "gnss"]
+        if self.scoring.fixes_of is not None and self.scoring.fixes_of not in receivers:
+            raise ValueError(f"scoring.fixes_of: {unknown(self.scoring.fixes_of, receivers, 'GNSS receiver')}")
         return self
 
     @model_validator(mode="after")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from twin.errors import BadInputError
 from twin.scenario import Check, Scenario, unknown
+from twin.scoring.honesty import is_pooled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,12 +50,13 @@ class Outcome:
 
 
 def require_known(scenario: Scenario, names: Collection[str], *, where: str) -> None:
-    """Refuse checks and published figures on metrics that the run will not have.
+    """Refuse checks and published figures on metrics that the run will not have, or that make no sense of them.
 
     Raises:
-        BadInputError: naming the metric and the nearest one that exists.
+        BadInputError: naming the metric and the nearest one that exists, or what the check may not ask.
     """
     for index, check in enumerate(scenario.checks):
+        _require_sense(check, where=f"{where}: checks.{index}")
         for key in ("metric", "ratio_to", "difference_to"):
             metric = getattr(check, key)
             if metric is not None and metric not in names:
@@ -62,6 +64,18 @@ def require_known(scenario: Scenario, names: Collection[str], *, where: str) -> 
     for metric in scenario.published:
         if metric not in names:
             raise BadInputError(f"{where}: published.{metric}: {_unknown_metric(metric, names)}")
+
+
+def _require_sense(check: Check, *, where: str) -> None:
+    """A pooled metric is one figure of all members: it has no percentile, and goes with no figure of each of them."""
+    pooled = is_pooled(check.metric)
+    if pooled and check.percentile is not None:
+        raise BadInputError(f"{where}.percentile: {check.metric} is one figure of all members together and has none")
+    for key in ("ratio_to", "difference_to"):
+        other = getattr(check, key)
+        if other is not None and is_pooled(other) != pooled:
+            one, each = (check.metric, other) if pooled else (other, check.metric)
+            raise BadInputError(f"{where}.{key}: {one} is one figure of all members together, {each} is one of each")
 
 
 def _unknown_metric(metric: str, names: Collection[str]) -> str:

@@ -8,6 +8,9 @@ independent. Over several worlds the world is the independent unit: the bound is
 a check that holds says that, with this confidence, at least p % of worlds keep the limit in at least p % of their
 members. Where there are too few members (or worlds) for the confidence asked for, the check fails: 59 are needed for 95
 % at 95 %.
+
+A pooled metric (:mod:`twin.scoring.honesty`) is one figure of all members of all worlds, a table of (1, 1): a check on
+it is judged once, and has no percentile.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What is measured of an estimate's errors: a list of measures, each one signal over time and one reduction of it.
 
 A measure is named ``<family>.<what>{phase}_<unit>``; the phase is put in where a run has phases. Which measures an
-estimator gets follows from its columns alone, so the names are known before a run. A new family is one function here.
+estimator gets follows from its columns alone, so the names are known before a run. Families are stated in
+:mod:`twin.families`; only those whose error is made of several columns have a function here.
 """
 
 from __future__ import annotations
@@ -13,21 +14,14 @@ from typing import Literal
 
 import numpy as np
 
-from twin.signals import (
-    HEADING,
-    LANE_HEADING,
-    LANE_OFFSET,
-    POSITION,
-    SPEED,
-    YAW_RATE,
-    FloatArray,
-    row_position,
-    row_speed,
-)
+from twin.families import FAMILIES, Family, family_named
+from twin.signals import POSITION, FloatArray, row_position, row_speed
 
-Reduction = Literal["mean", "max", "rms", "last", "time_to"]
+Reduction = Literal["mean", "max", "rms", "p95", "last", "time_to"]
 Errors = FloatArray
 """(T, R, n) estimate minus truth of the shared columns, angles wrapped."""
+Signal = Callable[[Errors], FloatArray]
+"""Makes (T, R) of the errors. Measures of one family share their signals, so that each is made once."""
 
 _ROW = re.compile(r"row_speed_(\d+)_m_s\Z")
 
@@ -38,7 +32,7 @@ class Measure:
 
     name: str
     """With ``{phase}`` where the phase goes; without it the measure is of the whole run only."""
-    signal: Callable[[Errors], FloatArray]
+    signal: Signal
     reduction: Reduction
     limit: float = 0.0
     """For ``time_to``: the time from the loss until the signal first exceeds this, s (inf: not before its end)."""
@@ -52,30 +46,30 @@ def row_numbers(columns: Sequence[str]) -> list[int]:
 
 
 def measures_of(
-    columns: Sequence[str], *, counted_rows: Sequence[int] | None, limits: Mapping[str, float]
+    columns: Sequence[str], *, counted_rows: Sequence[int] | None, limits: Mapping[str, float], lossy: bool = False
 ) -> list[Measure]:
     """All measures of an estimator whose columns shared with the truth are these.
 
     Args:
         columns: shared columns, in the order of the errors' last axis.
         counted_rows: row units that count where no row is named; None: all.
-        limits: by family, the error whose first excess since a loss is timed.
+        limits: by family, the error (SI) whose first excess since a loss is timed.
+        lossy: whether there is a loss since which an excess could be timed.
     """
     measures: list[Measure] = []
-    for family in (_row_speed, _row_position, _position):
-        measures += family(list(columns), counted_rows, limits)
-    measures += _scalar(list(columns), HEADING, "heading", "deg", 180.0 / np.pi)
-    measures += _scalar(list(columns), LANE_OFFSET, "lane_offset", "m", 1.0)
-    measures += _scalar(list(columns), LANE_HEADING, "lane_heading", "deg", 180.0 / np.pi)
-    measures += _scalar(list(columns), SPEED, "speed", "m_s", 1.0)
-    measures += _scalar(list(columns), YAW_RATE, "yaw_rate", "rad_s", 1.0)
+    for each in FAMILIES:
+        if each.column:
+            measures += _of_one_column(list(columns), each, limits, lossy)
+        else:
+            measures += _OF_SEVERAL[each.name](list(columns), counted_rows, limits)
     return measures
 
 
-def _time_to(family: str, signal: Callable[[Errors], FloatArray], limits: Mapping[str, float]) -> list[Measure]:
-    if family not in limits:
+def _time_to(family: Family, signal: Signal, limits: Mapping[str, float]) -> list[Measure]:
+    if family.name not in limits:
         return []
-    return [Measure(name=f"{family}.time_to_limit_s", signal=signal, reduction="time_to", limit=limits[family])]
+    limit = family.factor * limits[family.name]
+    return [Measure(name=family.time_to_limit, signal=signal, reduction="time_to", limit=limit)]
 
 
 def _counted(rows: Sequence[int], counted: Sequence[int] | None) -> list[int]:
@@ -83,6 +77,7 @@ def _counted(rows: Sequence[int], counted: Sequence[int] | None) -> list[int]:
 
 
 def _row_speed(columns: list[str], counted: Sequence[int] | None, limits: Mapping[str, float]) -> list[Measure]:
+    this = family_named("row_speed")
     rows = row_numbers(columns)
     scopes = {"": _counted(rows, counted), **{f"_row_{row}": [row] for row in rows}}
     measures: list[Measure] = []
@@ -99,16 +94,17 @@ def _row_speed(columns: list[str], counted: Sequence[int] | None, limits: Mappin
             largest_of_rows: FloatArray = np.abs(errors[:, :, at]).max(axis=2)
             return largest_of_rows
 
-        measures.append(Measure(name=f"row_speed.mean_abs_error{scope}{{phase}}_m_s", signal=mean, reduction="mean"))
+        measures.append(Measure(name=this.metric(f"mean_abs_error{scope}"), signal=mean, reduction="mean"))
         envelope = "" if scope else "row_speed_m_s"
-        name = f"row_speed.max_abs_error{scope}{{phase}}_m_s"
+        name = this.metric(f"max_abs_error{scope}")
         measures.append(Measure(name=name, signal=largest, reduction="max", envelope=envelope))
         if not scope:
-            measures += _time_to("row_speed", largest, limits)
+            measures += _time_to(this, largest, limits)
     return measures
 
 
 def _row_position(columns: list[str], counted: Sequence[int] | None, limits: Mapping[str, float]) -> list[Measure]:
+    this = family_named("row_position")
     rows = [row for row in row_numbers(columns) if set(row_position(row)) <= set(columns)]
     east = [columns.index(row_position(row)[0]) for row in _counted(rows, counted)]
     north = [columns.index(row_position(row)[1]) for row in _counted(rows, counted)]
@@ -124,13 +120,14 @@ def _row_position(columns: list[str], counted: Sequence[int] | None, limits: Map
         return farthest
 
     return [
-        Measure(name="row_position.rmse{phase}_m", signal=rms, reduction="rms"),
-        Measure(name="row_position.max_error{phase}_m", signal=largest, reduction="max", envelope="row_position_m"),
-        *_time_to("row_position", largest, limits),
+        Measure(name=this.metric("rmse"), signal=rms, reduction="rms"),
+        Measure(name=this.metric("max_error"), signal=largest, reduction="max", envelope="row_position_m"),
+        *_time_to(this, largest, limits),
     ]
 
 
 def _position(columns: list[str], _counted: Sequence[int] | None, limits: Mapping[str, float]) -> list[Measure]:
+    this = family_named("position")
     if not set(POSITION[:2]) <= set(columns):
         return []
     east, north = columns.index(POSITION[0]), columns.index(POSITION[1])
@@ -139,24 +136,51 @@ def _position(columns: list[str], _counted: Sequence[int] | None, limits: Mappin
         return np.hypot(errors[:, :, east], errors[:, :, north])
 
     return [
-        Measure(name="position.rmse{phase}_m", signal=distance, reduction="rms"),
-        Measure(name="position.max_error{phase}_m", signal=distance, reduction="max", envelope="position_m"),
-        Measure(name="position.final_error_m", signal=distance, reduction="last"),
-        *_time_to("position", distance, limits),
+        Measure(name=this.metric("rmse"), signal=distance, reduction="rms"),
+        Measure(name=this.metric("max_error"), signal=distance, reduction="max", envelope="position_m"),
+        Measure(name=this.metric("final_error", phase=""), signal=distance, reduction="last"),
+        *_time_to(this, distance, limits),
     ]
 
 
-def _scalar(columns: list[str], column: str, family: str, unit: str, factor: float) -> list[Measure]:
-    if column not in columns:
+_OF_SEVERAL = {"row_speed": _row_speed, "row_position": _row_position, "position": _position}
+"""Families whose error is made of several columns."""
+
+
+# --- errors of one column --------------------------------------------------------------------------------------------
+
+
+def signed_signal(column: int, factor: float) -> Signal:
+    """Error of one column, with its sign."""
+
+    def signed(errors: Errors) -> FloatArray:
+        return factor * errors[:, :, column]
+
+    return signed
+
+
+def _of_one_column(columns: list[str], family: Family, limits: Mapping[str, float], lossy: bool) -> list[Measure]:
+    if family.column not in columns:
         return []
-    at = columns.index(column)
+    at, factor = columns.index(family.column), family.factor
+    signed = signed_signal(at, factor)
 
     def size(errors: Errors) -> FloatArray:
         return factor * np.abs(errors[:, :, at])
 
-    return [
-        Measure(name=f"{family}.mean_abs_error{{phase}}_{unit}", signal=size, reduction="mean"),
-        Measure(
-            name=f"{family}.max_abs_error{{phase}}_{unit}", signal=size, reduction="max", envelope=f"{family}_{unit}"
-        ),
-    ]
+    kinds: dict[str, tuple[Signal, Reduction]] = {
+        "mean_abs_error": (size, "mean"),
+        "max_abs_error": (size, "max"),
+        "p95_abs_error": (size, "p95"),
+        "rmse": (signed, "rms"),
+        "mean_error": (signed, "mean"),
+    }
+    measures = []
+    for figure in family.figures:
+        signal, reduction = kinds[figure]
+        envelope = f"{family.name}_{family.unit}" if figure == "max_abs_error" else ""
+        measures.append(Measure(name=family.metric(figure), signal=signal, reduction=reduction, envelope=envelope))
+    if family.tolerance is not None and lossy:
+        limit = family.tolerance.error
+        measures.append(Measure(name=family.time_to_tolerance, signal=size, reduction="time_to", limit=limit))
+    return measures + _time_to(family, size, limits)

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.recording import Stream
 from twin.scenario import Scenario
-from twin.scoring import height_bound, lane
+from twin.scoring import height_bound, lane, levelling
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import row_numbers
 from twin.scoring.phases import phases
@@ -21,8 +21,8 @@ _MOVING_M_S = 0.1
 def motion_names(scenario: Scenario, columns: Sequence[str]) -> list[str]:
     """Names of :func:`motion_metrics` of a run with these truth columns."""
     bounds = [f"bound.{name}" for name in _bound_names(scenario, columns)]
-    own = [f"truth.{name}" for name in _motion_names(columns)]
-    return [*own, *lane.names(columns), *bounds, *height_bound.names(scenario)]
+    machine = [f"truth.{name}" for name in _motion_names(columns)]
+    return [*machine, *lane.names(columns), *levelling.names(columns), *bounds, *height_bound.names(scenario)]
 
 
 def _motion_names(columns: Sequence[str]) -> list[str]:
@@ -38,8 +38,13 @@ def motion_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
     ``row_speed.mean_abs_transport_row_<i>_turns_m_s`` is the mean of |v_row - v| in turns, which is |y_row| times the
     heading change over the time turning: the error of whoever takes one speed for all rows.
     """
-    if not truth.has(YAW_RATE):
-        return height_bound.metrics(scenario)
+    turned = _turned(truth, scenario) if truth.has(YAW_RATE) else {}
+    kept = lane.metrics(truth, scenario) | levelling.metrics(truth, scenario)
+    bounds = (_bounds(truth, scenario) if truth.has(YAW_RATE) else {}) | height_bound.metrics(scenario)
+    return turned | kept | bounds
+
+
+def _turned(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
     at = np.flatnonzero(truth.t_ns >= nanoseconds(scenario.scoring.from_s))
     turning = at[phases(scenario, truth, at)["_turns"]]
     step_s = float(np.diff(truth.t_s).mean()) if len(truth) > 1 else 0.0
@@ -48,8 +53,7 @@ def motion_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
     for row in row_numbers(truth.columns):
         extra = np.abs(truth.column(row_speed(row))[turning] - truth.column(SPEED)[turning])
         values.append(extra.mean(axis=0) if len(turning) else np.full(1, math.nan))
-    found = {f"truth.{name}": value for name, value in zip(_motion_names(truth.columns), values, strict=True)}
-    return found | lane.metrics(truth, scenario) | _bounds(truth, scenario) | height_bound.metrics(scenario)
+    return {f"truth.{name}": value for name, value in zip(_motion_names(truth.columns), values, strict=True)}
 
 
 # --- what a filter could know ----------------------------------------------------------------------------------------

@@ -6,8 +6,12 @@ import math
 
 import numpy as np
 
+from twin.scoring.log_bins import LogBins
 from twin.scoring.measures import Measure
 from twin.signals import NS_PER_S, FloatArray, IntArray
+
+_BINS = LogBins(lowest_decade=-4, highest_decade=5, per_decade=100)
+"""A percentile is within one bin, 2.3 %, of the exact one."""
 
 
 class MeanOfKnown:
@@ -39,6 +43,7 @@ class Tally:
         self._count = 0
         start = {"max": -math.inf, "time_to": math.inf, "last": math.nan}.get(measure.reduction, 0.0)
         self._held: FloatArray = np.full(runs, start)
+        self._by_size: IntArray = np.zeros((runs, len(_BINS) if measure.reduction == "p95" else 0), dtype=np.int32)
 
     def add(self, values: FloatArray, t_ns: IntArray) -> None:
         """Take a piece: values (T, R) at times (T,), ns."""
@@ -54,8 +59,17 @@ class Tally:
                 self._held = np.maximum(self._held, values.max(axis=0))
             case "last":
                 self._held = values[-1].copy()
+            case "p95":
+                self._count_sizes(values)
             case "time_to":
                 self._time_first_excess(values, t_ns)
+
+    def _count_sizes(self, values: FloatArray) -> None:
+        bins = _BINS.place(values)
+        # An error that is not known makes the percentile unknown.
+        self._held[(bins < 0).any(axis=0)] = math.nan
+        flat = (bins + len(_BINS) * np.arange(bins.shape[1]))[bins >= 0]
+        self._by_size += np.bincount(flat, minlength=self._by_size.size).reshape(self._by_size.shape)
 
     def _time_first_excess(self, values: FloatArray, t_ns: IntArray) -> None:
         begin, end = self._loss_ns
@@ -75,4 +89,6 @@ class Tally:
             return np.full_like(self._held, math.nan)
         if self._reduction == "mean":
             return self._held / self._count
+        if self._reduction == "p95":
+            return self._held + _BINS.quantile(self._by_size, 0.95)
         return np.sqrt(self._held / self._count) if self._reduction == "rms" else self._held

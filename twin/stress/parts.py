@@ -18,9 +18,10 @@ import numpy as np
 from twin.errors import BadInputError
 from twin.scenario import LoadedScenario
 from twin.scoring.envelopes import Envelope
+from twin.scoring.honesty import Honesty
 from twin.scoring.verdict import versions
-from twin.stress.plan import Plan
-from twin.stress.tasks import TaskResult
+from twin.stress.plan import Plan, Task
+from twin.stress.task_result import TaskResult
 
 
 class Parts:
@@ -31,6 +32,7 @@ class Parts:
             versions(),
             loaded.sha256,
             plan.runs,
+            plan.block_sizes,
             plan.seeds,
             [[list(map(str, pair)) for pair in p] for p in plan.points],
         ]
@@ -40,10 +42,10 @@ class Parts:
         self._folder = folder / f".stress-{digest}"
         self._plan = plan
 
-    def _file(self, task: tuple[int, int]) -> Path:
-        return self._folder / f"point{task[0]}_world{task[1]}.npz"
+    def _file(self, task: Task) -> Path:
+        return self._folder / f"point{task.point}_world{task.world}_block{task.block}.npz"
 
-    def write(self, task: tuple[int, int], result: TaskResult) -> None:
+    def write(self, task: Task, result: TaskResult) -> None:
         """Keep a finished task.
 
         Raises:
@@ -55,6 +57,9 @@ class Parts:
         arrays |= {f"states/{name}": np.array(value) for name, value in result.states.items()}
         for name, envelope in result.envelopes.items():
             arrays |= {f"times/{name}": envelope.t_ns, f"counts/{name}": envelope.counts}
+        for name, found in result.honesty.items():
+            arrays |= {f"honesty/{name}": found.counts, f"honesty_sums/{name}": found.sums}
+            arrays |= {f"honesty_members/{name}": found.members, f"honesty_family/{name}": np.array(found.family)}
         for name, (t_ns, values) in result.nees.items():
             arrays |= {f"nees_t/{name}": t_ns, f"nees/{name}": values}
         for name, (t_ns, values) in result.nis.items():
@@ -69,16 +74,27 @@ class Parts:
         except OSError as error:
             raise BadInputError(f"{self._file(task)}: cannot be written ({error.strerror or error})") from error
 
-    def read(self) -> dict[tuple[int, int], TaskResult]:
-        """Return the tasks finished before; files that cannot be read count as not finished."""
-        found: dict[tuple[int, int], TaskResult] = {}
-        for task in self._plan.tasks():
-            try:
-                with np.load(self._file(task), allow_pickle=False) as arrays:
-                    found[task] = _result(dict(arrays))
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-                continue
-        return found
+    def finished(self) -> set[Task]:
+        """Tasks finished before; files that cannot be read count as not finished."""
+        return {task for task in self._plan.tasks() if self._read(task) is not None}
+
+    def read(self, task: Task) -> TaskResult:
+        """The result of a finished task.
+
+        Raises:
+            BadInputError: it cannot be read any more.
+        """
+        result = self._read(task)
+        if result is None:
+            raise BadInputError(f"{self._file(task)}: cannot be read")
+        return result
+
+    def _read(self, task: Task) -> TaskResult | None:
+        try:
+            with np.load(self._file(task), allow_pickle=False) as arrays:
+                return _result(dict(arrays))
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            return None
 
     def remove(self) -> None:
         """Forget all finished tasks."""
@@ -90,10 +106,15 @@ def _result(arrays: dict[str, Any]) -> TaskResult:
         return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
     counts, nees, nis = below("counts/"), below("nees/"), below("nis/")
+    sums, members, families = below("honesty_sums/"), below("honesty_members/"), below("honesty_family/")
     return TaskResult(
         metrics=below("metric/"),
         motion={name: float(value) for name, value in below("motion/").items()},
         envelopes={name: Envelope(t_ns=t_ns, counts=counts[name]) for name, t_ns in below("times/").items()},
+        honesty={
+            name: Honesty(family=str(families[name]), counts=found, sums=sums[name], members=members[name])
+            for name, found in below("honesty/").items()
+        },
         nees={name: (t_ns, nees[name]) for name, t_ns in below("nees_t/").items()},
         nis={name: (t_ns, nis[name]) for name, t_ns in below("nis_t/").items()},
         states={name: int(value) for name, value in below("states/").items()},

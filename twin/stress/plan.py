@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,20 @@ from twin.scenario import LoadedScenario, load, parse_setting
 _LARGEST_RUN = 10_000_000
 _RANGE_POINTS = 5
 
+BLOCK = 500
+"""Members that are stepped together over one truth."""
+CLOSED_BLOCK = 2
+"""Members of a closed loop, each in a world of its own, that make one task."""
+
 Setting = tuple[str, Any]
+
+
+class Task(NamedTuple):
+    """What is run, kept and resumed in one piece. Blocks of members are fixed by index, not by the workers."""
+
+    point: int
+    world: int
+    block: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,13 +43,29 @@ class Plan:
     """One world each."""
     points: tuple[tuple[Setting, ...], ...]
     """Settings of each point of ``--vary``; one empty point without."""
+    block_sizes: tuple[int, ...]
+    """Members of a task, by point."""
 
-    def tasks(self) -> list[tuple[int, int]]:
-        """Every (point, world), in the order in which results are merged."""
-        return list(itertools.product(range(len(self.points)), range(len(self.seeds))))
+    def blocks(self, point: int) -> int:
+        """How many blocks the members of one world make."""
+        return -(-self.runs // self.block_sizes[point])
+
+    def tasks(self) -> list[Task]:
+        """Every (point, world, block), in the order in which results are merged."""
+        return [
+            Task(point, world, block)
+            for point in range(len(self.points))
+            for world in range(len(self.seeds))
+            for block in range(self.blocks(point))
+        ]
+
+    def members(self, task: Task) -> range:
+        """Run indices of one task."""
+        size = self.block_sizes[task.point]
+        return range(task.block * size, min(self.runs, (task.block + 1) * size))
 
     def load(self, point: int, world: int) -> LoadedScenario:
-        """The scenario of one task.
+        """The scenario of one point in one world.
 
         Raises:
             BadInputError: it is wrong.
@@ -79,7 +108,6 @@ def make_plan(
     points = tuple(itertools.product(*(parse_vary(text) for text in vary)))
     first = load(path, settings=[*settings, *points[0], *([("seed", seed)] if seed is not None else [])])
     seeds = tuple(range(first.scenario.seed, first.scenario.seed + worlds))
-    plan = Plan(path=path, settings=tuple(settings), runs=runs, seeds=seeds, points=points)
-    for point in range(len(points)):
-        plan.load(point, 0)
-    return plan
+    worlds_of = [load(path, settings=[*settings, *point, ("seed", seeds[0])]).scenario for point in points]
+    sizes = tuple(CLOSED_BLOCK if scenario.listens.closes_loop else BLOCK for scenario in worlds_of)
+    return Plan(path=path, settings=tuple(settings), runs=runs, seeds=seeds, points=points, block_sizes=sizes)

@@ -1,35 +1,22 @@
-"""What came of a stress test: tables, envelopes, checks, the worst members, and the files that keep them."""
+"""What came of a stress test: tables, envelopes, checks and the worst members."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
-
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from twin.scenario import LoadedScenario
 from twin.scoring.checks import Outcome
-from twin.scoring.consistency import nis_degrees
 from twin.scoring.ensemble import (
-    QUANTILES,
     Consistency,
-    judge_ensemble,
-    over_worlds,
     quantiles,
 )
 from twin.scoring.envelopes import Envelope
-from twin.scoring.verdict import SCHEMA, ending, versions
-from twin.signals import NS_PER_S, FloatArray
+from twin.scoring.verdict import SCHEMA, versions
+from twin.signals import FloatArray
 from twin.stress.plan import Plan
-from twin.stress.tasks import TaskResult
 
 _WORST = 2
 
@@ -53,6 +40,8 @@ class Point:
     """(W, R) by metric."""
     motion: dict[str, FloatArray]
     """(W,) by metric."""
+    pooled: dict[str, float]
+    """One figure of all members of all worlds, by metric."""
     envelopes: dict[str, Envelope]
     consistency: dict[str, list[Consistency]]
     outcomes: list[Outcome]
@@ -110,6 +99,7 @@ def _point_json(point: Point) -> dict[str, object]:
     return {
         "settings": point.settings,
         "metrics": metrics,
+        "pooled": {name: _number(value) for name, value in point.pooled.items()},
         "checks": [outcome.as_json() for outcome in point.outcomes],
         "consistency": {
             name: [dataclasses.asdict(each) for each in found] for name, found in point.consistency.items()
@@ -124,156 +114,3 @@ def _point_json(point: Point) -> dict[str, object]:
 
 def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-# --- merging ---------------------------------------------------------------------------------------------------------
-
-
-def merge_results(
-    loaded: LoadedScenario, plan: Plan, results: Mapping[tuple[int, int], TaskResult], timing: dict[str, float]
-) -> StressResult:
-    """Put the tasks of a plan together, in their order."""
-    points = []
-    ended = []
-    for index, settings in enumerate(plan.points):
-        tasks = [results[index, world] for world in range(len(plan.seeds))]
-        ended += [
-            f"seed {plan.seeds[world]}: {task.ended_reason} at {task.ended_t_s:.2f} s"
-            for world, task in enumerate(tasks)
-            if ending(task.ended_reason, loaded.scenario) != "pass"
-        ]
-        points.append(_merge_point(loaded, plan, dict(settings), tasks))
-    return StressResult(loaded=loaded, plan=plan, points=points, ended=ended, timing=timing)
-
-
-def _merge_point(loaded: LoadedScenario, plan: Plan, settings: dict[str, Any], tasks: list[TaskResult]) -> Point:
-    table = {name: np.stack([task.metrics[name] for task in tasks]) for name in tasks[0].metrics}
-    motion = {name: np.array([task.motion[name] for task in tasks]) for name in tasks[0].motion}
-    envelopes: dict[str, Envelope] = {}
-    for task in tasks:
-        for name, envelope in task.envelopes.items():
-            if name not in envelopes:
-                envelopes[name] = Envelope.at(envelope.t_ns)
-            if len(envelopes[name].t_ns) == len(envelope.t_ns):
-                envelopes[name].merge(envelope)
-    judged = {**{name: np.repeat(value[:, np.newaxis], plan.runs, axis=1) for name, value in motion.items()}, **table}
-    return Point(
-        settings=settings,
-        table=table,
-        motion=motion,
-        envelopes=envelopes,
-        consistency=_consistency(tasks),
-        outcomes=judge_ensemble(loaded.scenario, judged),
-        worst=_worst_members(loaded, plan, settings, table),
-    )
-
-
-def _consistency(tasks: list[TaskResult]) -> dict[str, list[Consistency]]:
-    """NEES and every kind of NIS of each estimator, over the worlds."""
-    found: dict[str, list[Consistency]] = {}
-    for name, states in tasks[0].states.items():
-        nees = over_worlds("nees", [task.nees[name] for task in tasks if name in task.nees], states) if states else None
-        columns = [key.partition(".")[2] for key in tasks[0].nis if key.partition(".")[0] == name]
-        nis = [
-            over_worlds(
-                column,
-                [task.nis[key] for task in tasks if (key := f"{name}.{column}") in task.nis],
-                nis_degrees(column),
-            )
-            for column in columns
-        ]
-        known = [value for value in (nees, *nis) if value is not None]
-        if known:
-            found[name] = known
-    return found
-
-
-def headline_metrics(loaded: LoadedScenario, names: list[str]) -> list[str]:
-    """Metrics shown of each estimator: those published or checked, and the largest errors in or without a loss."""
-    lossy = loaded.scenario.loss_window_s is not None
-    phase = "_loss" if lossy else ""
-    wanted = [f"row_speed.mean_abs_error{phase}_m_s", f"row_speed.max_abs_error{phase}_m_s"]
-    wanted += [f"row_position.max_error{phase}_m", f"position.max_error{phase}_m"]
-    wanted += ["seeds.mean_abs_population_error_turns_percent", f"seeds.quality_of_feed{phase}_percent"]
-    asked = {check.metric for check in loaded.scenario.checks} | set(loaded.scenario.published)
-    return [
-        name for name in names if name in asked or name.partition(".")[2] in wanted or name.endswith("time_to_limit_s")
-    ]
-
-
-def _worst_members(
-    loaded: LoadedScenario, plan: Plan, settings: Mapping[str, Any], table: Mapping[str, FloatArray]
-) -> list[Worst]:
-    """The worst members of each estimator by its first headline metric that grows with the error."""
-    worst: list[Worst] = []
-    seen: set[str] = set()
-    phase = "_loss" if loaded.scenario.loss_window_s is not None else ""
-    for family in ("row_position.max_error{}_m", "position.max_error{}_m", "row_speed.max_abs_error{}_m_s"):
-        for name, values in table.items():
-            estimator, _, metric = name.partition(".")
-            if metric != family.format(phase) or estimator in seen:
-                continue
-            seen.add(estimator)
-            order = np.argsort(-np.nan_to_num(values, nan=-1.0), axis=None, kind="stable")[:_WORST]
-            for flat in order.tolist():
-                world, run = divmod(flat, values.shape[1])
-                command = _command(loaded, plan, settings, plan.seeds[world], run)
-                worst.append(
-                    Worst(estimator=estimator, metric=metric, value=float(values[world, run]), command=command)
-                )
-    return worst
-
-
-def _command(loaded: LoadedScenario, plan: Plan, settings: Mapping[str, Any], seed: int, run: int) -> str:
-    words = ["twin", "run", loaded.name if loaded.bundled else str(loaded.path), "--seed", str(seed), "--run", str(run)]
-    for key, value in [*plan.settings, *settings.items()]:
-        # Numbers, text, booleans and arrays are written alike in JSON and TOML.
-        literal = json.dumps(value)
-        words += ["--set", f"{key}={literal}"]
-    return shlex.join(words)
-
-
-# --- files -----------------------------------------------------------------------------------------------------------
-
-
-def write_files(result: StressResult, folder: Path) -> None:
-    """Write ``scenario.toml``, ``members.parquet`` (a row per member) and ``envelopes.parquet``."""
-    (folder / "scenario.toml").write_text(result.loaded.toml)
-    pq.write_table(pa.concat_tables([_members_table(result, index) for index in range(len(result.points))]),
-                   folder / "members.parquet")  # fmt: skip
-    pq.write_table(
-        pa.concat_tables(
-            [
-                _envelope_table(index, name, envelope)
-                for index, point in enumerate(result.points)
-                for name, envelope in point.envelopes.items()
-            ]
-            or [_envelope_table(0, "", Envelope.at(np.empty(0, dtype=np.int64)))]
-        ),
-        folder / "envelopes.parquet",
-    )
-
-
-def _members_table(result: StressResult, index: int) -> pa.Table:
-    point, plan = result.points[index], result.plan
-    worlds, runs = len(plan.seeds), plan.runs
-    columns: dict[str, Any] = {"point": np.full(worlds * runs, index)}
-    for key, value in point.settings.items():
-        columns[key] = pa.array([str(value)] * (worlds * runs))
-    columns["seed"] = np.repeat(np.array(plan.seeds, dtype=np.int64), runs)
-    columns["run"] = np.tile(np.arange(runs), worlds)
-    for name, values in point.table.items():
-        columns[name] = values.ravel()
-    return pa.table(columns)
-
-
-def _envelope_table(index: int, name: str, envelope: Envelope) -> pa.Table:
-    length = len(envelope.t_ns)
-    columns: dict[str, Any] = {
-        "point": np.full(length, index),
-        "name": pa.array([name] * length, type=pa.string()),
-        "t_s": envelope.t_ns / NS_PER_S,
-    }
-    for fraction in QUANTILES:
-        columns[f"p{round(100 * fraction):02d}"] = envelope.quantile(fraction)
-    return pa.table(columns)

@@ -20,7 +20,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin.config import Config, Vector3
 from twin.geometry import rotation_from_rpy, rpy_from_rotation
 from twin.signals import Command, FloatArray, Mount
-from twin.world.blade import BladeSpec
+from twin.world.blade_spec import BladeSpec
 from twin.world.clearance import Outline
 from twin.world.urdf import Urdf, read_urdf
 
@@ -43,6 +43,8 @@ class Wheel:
     grip: float = 1.0
     """Share of the soil's slip stiffness and friction that it finds: a ball in a socket, which may turn any way, finds
     little."""
+    sunk_m: float = 0.0
+    """How deep it stands in soft ground, besides its own deflection: the ground under a longer chord carries it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

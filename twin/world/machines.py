@@ -10,7 +10,15 @@ from pydantic import Field
 from twin.world.orchard_robot import OrchardRobotConfig, OrchardRobotLargeConfig
 from twin.world.planter_f8 import PlanterF8Config
 from twin.world.prototype_car import PrototypeCarConfig
+from twin.world.rail_bench import RailBenchConfig
+from twin.world.scraper import ScraperConfig
 
 MachineConfig = Annotated[
-    PlanterF8Config | PrototypeCarConfig | OrchardRobotConfig | OrchardRobotLargeConfig, Field(discriminator="kind")
+    PlanterF8Config
+    | PrototypeCarConfig
+    | OrchardRobotConfig
+    | OrchardRobotLargeConfig
+    | RailBenchConfig
+    | ScraperConfig,
+    Field(discriminator="kind"),
 ]

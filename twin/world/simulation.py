@@ -21,6 +21,7 @@ from twin.signals import (
     CLEARANCE,
     HEADING,
     HEIGHT,
+    LOAD_SHARE,
     NS_PER_S,
     POSITION,
     SPEED,
@@ -307,6 +308,8 @@ class World:
         dynamics.reference_truth(self._links, self._reference_body, self._reference, self._rows, self._truth_head)
         head = self._truth_head
         values = {HEIGHT: float(head[2]) - self.design_height_m, VELOCITY[2]: float(head[5])}
+        if self._blade is not None:
+            values[LOAD_SHARE] = self._blade.load_m3 / self._blade.spec.capacity_m3
         return Said(t_ns=self.tick * self.dt_ns, values=values)
 
     def truth(self) -> FloatArray:

@@ -6,7 +6,7 @@ follows the command with limited acceleration. Steering: the wheel angle follows
 rate limit and end stops; the two front wheels stand on one centre (Ackermann). These figures are choices in the range
 of medium tractors; a hydraulic steering rate near 0.4 rad/s takes about 3 s from stop to stop. Any front-steered,
 rear-driven machine can have it, with figures of its own, and so can one with driven front wheels: their axle gets a
-share of the force, and a stiff shaft between the axles, seen as a damper, keeps one from spinning while the other grips.
+share of the force, and a shaft between the axles, seen as a damper, keeps one from spinning while the other grips.
 """
 
 from __future__ import annotations

@@ -59,14 +59,14 @@ _SLOWEST_M_S = 0.05
 def wheel_parameters(wheel: Wheel, soil: Soil, *, static_load_n: float, spin_inertia_kg_m2: float) -> FloatArray:
     """One row of the parameter table, shape (WHEEL_PARAMETERS,).
 
-    The patch is the chord that a circle cuts from the plane at its static deflection; the masses are what the
-    carcass damping is set for: the load the wheel carries, along the rolling direction together with its inertia.
+    The patch is the chord that a circle cuts from the plane at its static deflection and sinkage; the masses are what
+    the carcass damping is set for: the load the wheel carries, along the rolling direction together with its inertia.
     """
     row = np.zeros(WHEEL_PARAMETERS)
     deflection = static_load_n / wheel.stiffness_n_m
     mass = static_load_n / 9.80665
     row[RADIUS], row[STIFFNESS], row[DAMPING] = wheel.radius_m, wheel.stiffness_n_m, wheel.damping_n_s_m
-    row[HALF_LENGTH] = math.sqrt(2.0 * wheel.radius_m * deflection)
+    row[HALF_LENGTH] = math.sqrt(2.0 * wheel.radius_m * (deflection + wheel.sunk_m))
     row[HALF_WIDTH] = 0.5 * wheel.width_m
     row[SLIP_X], row[SLIP_Y] = wheel.grip * soil.longitudinal_stiffness, wheel.grip * soil.lateral_stiffness
     row[RELAX_X] = _RELAXATION_X_RADII * wheel.radius_m

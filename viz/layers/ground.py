@@ -7,8 +7,9 @@ import rerun as rr
 
 from twin.signals import FloatArray
 from viz import entities
+from viz.levelled import levelled_field
 from viz.sheet import PanelKind, Run, Sheet
-from viz.terrain import grid_lines, grid_spacing_m, terrain_mesh, window_around
+from viz.terrain import Window, grid_lines, grid_spacing_m, terrain_mesh, window_around
 
 _LIFT_M = 0.05
 
@@ -17,7 +18,12 @@ def draw_ground(run: Run, sheet: Sheet) -> None:
     """Draw the ground around the driven and the planned path, and the planned path on it."""
     scene = run.scene
     window = window_around(scene, _visited(run))
-    mesh = terrain_mesh(scene, window)
+    field = levelled_field(scene)
+    hole = None
+    if field is not None:
+        ends = [(int(nodes[0]), int(nodes[-1]) + 1) for nodes in (field.rows, field.columns)]
+        hole = Window(rows=ends[0], columns=ends[1])
+    mesh = terrain_mesh(scene, window, hole=hole)
     sheet.static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     sheet.static(
         entities.TERRAIN,
@@ -43,6 +49,8 @@ def draw_ground(run: Run, sheet: Sheet) -> None:
         )
     scans = set(scene.scanners) & set(run.recording.names("measurements"))
     legend = "; lidar near orange, far blue, lost red, wrong magenta" if scans else ""
+    if field is not None:
+        legend += "; colour: height above the design plane"
     sheet.panel(PanelKind.FIELD, entities.WORLD, f"Field, grid of {spacing_m:g} m{legend}")
 
 

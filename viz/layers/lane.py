@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-import rerun as rr
-
-from twin.signals import CLEARANCE, LANE_OFFSET, FloatArray, IntArray, sigma_column
+from twin.signals import CLEARANCE, LANE_OFFSET, sigma_column
 from viz import entities
 from viz.layers.plots import PLOT_HZ
 from viz.sheet import PanelKind, Run, Sheet
@@ -36,21 +33,9 @@ def draw_lane_plot(run: Run, sheet: Sheet) -> None:
         sheet.line(entity, stream.t_ns[kept], found[kept, 0], run.colours[name])
         sigma = run.columns(stream, sigma_column(LANE_OFFSET))
         if sigma is not None:
-            _draw_band(sheet, name, stream.t_ns[kept], found[kept, 0], sigma[kept, 0], colour=run.colours[name])
+            sheet.band(entity, stream.t_ns[kept], found[kept, 0], sigma[kept, 0], run.colours[name])
     offset = run.column(truth, LANE_OFFSET)[keep]
     entity = entities.plot(PANEL, entities.TRUTH_SERIES)
     sheet.line(entity, truth.t_ns[keep], offset, entities.TRUTH_COLOUR, width=2.0)
     sheet.panel(PanelKind.PLOT, entities.plot(PANEL), "Offset from lane's axis; clearance grey [m]")
     sheet.listed.add(entities.legend_name(CLEARANCE_SERIES))
-
-
-def _draw_band(
-    sheet: Sheet, name: str, t_ns: IntArray, value: FloatArray, sigma: FloatArray, *, colour: entities.Colour
-) -> None:
-    entity = entities.band(entities.plot(PANEL, name))
-    known = np.isfinite(value) & np.isfinite(sigma)
-    columns = rr.Measurements.columns(values=value[known], variances=sigma[known] ** 2)
-    sheet.rows(entity, t_ns[known], columns)
-    if known.any():
-        shown = entities.legend_name(name)
-        sheet.static(entity, rr.Measurements.from_fields(colors=[colour], names=[shown], widths=[0.5]))

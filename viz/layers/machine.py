@@ -27,6 +27,11 @@ _EYE_IN_LANE, _LOOK_IN_LANE = np.array([-1.0, 0.18, 0.62]), np.array([0.55, 0.0,
 a distance that shows the rows on both sides."""
 _LANE_HALVES, _FEWEST, _MOST = 1.4, 2.0, 6.0
 """That distance in half widths of the lane, and its least and most in diagonals of the machine."""
+_EYE_AT_BENCH, _BENCH_HEIGHTS = np.array([1.0, 0.55, 0.28]), 2.1
+"""Of a bench, from what the camera looks at to where it stands, in front of it; and how far off, in heights of its
+plate above the ground."""
+_EYE_AT_FIELD, _FIELD_DIAGONALS = np.array([-0.70, 0.46, 0.55]), 1.7
+"""The same of a machine that levels a field: higher and farther off, so that some of the field is seen."""
 _SET_OFF_M = 0.02
 """A machine that is so far from where it began has set off."""
 _LOOK_FROM_BACK, _LOOK_M = 0.28, 0.8
@@ -74,7 +79,8 @@ def draw_machine(run: Run, sheet: Sheet) -> None:
             _draw_joint(sheet, joint, truth.t_ns[keep], run.column(truth, column)[keep])
     sheet.rows(entities.FOCUS, truth.t_ns[moved], rr.Points3D.columns(positions=position[moved]))
     sheet.static(entities.FOCUS, rr.Points3D.from_fields(radii=0.01, colors=[(0, 0, 0)]))
-    sheet.follow = entities.FOCUS
+    # A followed point is what the camera looks at; of a bench it would be the foot.
+    sheet.follow = None if run.scene.bench else entities.FOCUS
     sheet.eye = _seen_from_behind(run, position[0], quaternion[0])
     sheet.begin_ns = sets_off_ns(truth.t_ns, position)
 
@@ -144,5 +150,16 @@ def _seen_from_behind(run: Run, position: FloatArray, quaternion: FloatArray) ->
         distance = min(max(_LANE_HALVES * half, _FEWEST * size), _MOST * size)
         return position + level @ (distance * _EYE_IN_LANE), position + level @ (distance * _LOOK_IN_LANE)
     target = position + level @ look
+    if run.scene.bench:
+        return _seen_from_front(run, position, level)
+    if run.scene.levelling.area_m is not None:
+        return target + level @ (_FIELD_DIAGONALS * run.scene.machine_size_m * _EYE_AT_FIELD), target
     distance = _EYE_DIAGONALS * run.scene.machine_size_m * (_BESIDE_MAGNETS if run.scene.magnetic.count else 1.0)
     return target + level @ (distance * _EYE), target
+
+
+def _seen_from_front(run: Run, position: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eye and look target of a camera in front of a bench, which stands upright."""
+    height = max(run.scene.levelling.design_height_m - float(position[2]), run.scene.machine_size_m / 3.0)
+    target = position + np.array([0.0, 0.0, height])
+    return target + level @ (_BENCH_HEIGHTS * height * _EYE_AT_BENCH), target

@@ -37,8 +37,8 @@ def draw_row_speed_plots(run: Run, sheet: Sheet) -> None:
 
 
 def draw_motion_plots(run: Run, sheet: Sheet) -> None:
-    """Plot yaw rate (but not of a machine in a lane, which has plots enough), and errors of position and heading."""
-    if not run.keeps_lane:
+    """Plot yaw rate, and errors of position and heading; a machine in a lane or one that levels has plots enough."""
+    if not run.keeps_lane and not run.levels:
         counted = [name for name, stream in _estimates(run) if is_counted(run, stream)]
         _draw_values(run, sheet, YAW_RATE, panel="yaw_rate", scale=_DEGREES, without=counted)
         title = "Yaw rate, counted ones left out [deg/s]" if counted else "Yaw rate [deg/s]"
@@ -167,22 +167,11 @@ def _draw_errors(run: Run, sheet: Sheet, column: str, *, panel: str, scale: floa
         _send(sheet, entity, t_ns, scale * error[keep], name=label, colour=colour, width=1.5)
         if stream.has(sigma_column(column)):
             sigma = scale * run.column(stream, sigma_column(column))[keep]
-            # the same name, so that line and band share one entry in the legend
-            _send_band(sheet, entities.band(entity), t_ns, sigma, name=label, colour=colour)
+            sheet.band(entity, t_ns, np.zeros(len(keep)), sigma, colour)
             # as far as it matters: a filter that knows nothing must not flatten the errors' plot
             seen = np.nan_to_num(np.minimum(sigma, 1.5 * np.nanmax(np.abs(scale * error[keep]), initial=0.0)))
             for side in (-1.0, 1.0):
                 sheet.curve(entity, label, t_ns, side * seen)
-
-
-def _send_band(
-    sheet: Sheet, entity: str, t_ns: IntArray, sigma: FloatArray, *, name: str, colour: entities.Colour
-) -> None:
-    known = np.isfinite(sigma)
-    columns = rr.Measurements.columns(values=np.zeros(int(known.sum())), variances=sigma[known] ** 2)
-    sheet.rows(entity, t_ns[known], columns)
-    if known.any():
-        sheet.static(entity, rr.Measurements.from_fields(colors=[colour], names=[name], widths=[0.5]))
 
 
 def _draw_position_errors(run: Run, sheet: Sheet) -> None:

@@ -1,5 +1,7 @@
 """What a GNSS receiver says of itself and what is true: error beside reported sigma, and the age of corrections.
 
+Where a machine's height is what it is about, error and sigma are those of the height, else horizontal ones.
+
 Drawn only of receivers whose quality changes during the run: one that keeps its fix has nothing to show here.
 """
 
@@ -13,8 +15,9 @@ from twin.signals import FloatArray, IntArray
 from viz import entities
 from viz.sheet import PanelKind, Run, Sheet
 
-_ERRORS = ("position_e_m.error", "position_n_m.error")
-_SIGMAS = ("sigma_e_m", "sigma_n_m")
+_ERRORS, _SIGMAS = ("position_e_m.error", "position_n_m.error"), ("sigma_e_m", "sigma_n_m")
+_ERROR_UP, _SIGMA_UP = "position_u_m.error", "sigma_u_m"
+_MM = 1000.0
 
 
 def draw_receivers(run: Run, sheet: Sheet) -> None:
@@ -31,16 +34,18 @@ def draw_receivers(run: Run, sheet: Sheet) -> None:
 def _draw_honesty(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> None:
     panel = f"{sensor}_error"
     hidden = run.recording.streams.get(hidden_stream(sensor))
-    errors = run.columns(hidden, *_ERRORS) if hidden is not None else None
-    if hidden is not None and errors is not None:
-        _line(sheet, (panel, "true error"), hidden.t_ns, np.hypot(errors[:, 0], errors[:, 1]), entities.TRUTH_COLOUR)
-    sigmas = run.columns(stream, *_SIGMAS)
-    if sigmas is not None:
-        reported = np.hypot(sigmas[:, 0], sigmas[:, 1])
-        _line(sheet, (panel, "reported sigma"), stream.t_ns, reported, entities.QUALITY_COLOURS[2])
+    errors, sigmas = ((_ERROR_UP,), (_SIGMA_UP,)) if run.levels else (_ERRORS, _SIGMAS)
+    true = run.columns(hidden, *errors) if hidden is not None else None
+    if hidden is not None and true is not None:
+        values = _MM * true[:, 0] if run.levels else np.hypot(*true.T)
+        _line(sheet, (panel, "true error"), hidden.t_ns, values, entities.TRUTH_COLOUR)
+    claimed = run.columns(stream, *sigmas)
+    if claimed is not None:
+        values = _MM * claimed[:, 0] if run.levels else np.hypot(*claimed.T)
+        _line(sheet, (panel, "reported sigma"), stream.t_ns, values, entities.QUALITY_COLOURS[2])
     # Short: the viewer scrolls a title that does not fit, and the picture never comes to rest.
-    title = f"{entities.legend_name(sensor).upper()} error, true and reported σ [m]"
-    sheet.panel(PanelKind.PLOT, entities.plot(panel), title)
+    what = "height error, true and reported σ [mm]" if run.levels else "error, true and reported σ [m]"
+    sheet.panel(PanelKind.PLOT, entities.plot(panel), f"{entities.legend_name(sensor).upper()} {what}")
 
 
 def _draw_age(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> None:

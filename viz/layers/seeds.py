@@ -239,7 +239,8 @@ def _draw_map(run: Run, sheet: Sheet, planted: Planted, bounds: tuple[FloatArray
         )
     _draw_legend(sheet, f"{root}/legend", flat, bounds)
     sheet.bounds[root] = ((float(low[0]), float(high[0])), (float(-high[1]), float(-low[1])))
-    sheet.panel(PanelKind.MAP, root, f"Seeds metered by {entities.legend_name(planted.estimator)}")
+    title = f"Seeds metered by {entities.legend_name(planted.estimator)}"
+    sheet.panel(PanelKind.MAP, root, title, tab="Seeds in a turn")
 
 
 def _draw_legend(sheet: Sheet, entity: str, flat: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
 
 import numpy as np
 import rerun as rr
 
+from twin.estimators import height_filter_branches as branches
+from twin.estimators import height_vpkf
 from twin.estimators.magnetic_disturbance import CLEAN, DISTURBED, LEARNING, RECOVERING
 from twin.recording import Stream
-from twin.signals import YAW_RATE, FloatArray, IntArray
+from twin.signals import HEIGHT, YAW_RATE, FloatArray, IntArray
 from viz import entities
+from viz.layers.load import LOAD
 from viz.legible import legible
 from viz.magnetic import FELT_SHARE
 from viz.sheet import PanelKind, Run, Sheet
@@ -40,6 +44,25 @@ _DIAGNOSTICS: Mapping[str, Styles] = {
 }
 """Columns of :class:`twin.estimators.heading_filter.HeadingFilter` in words."""
 
+_MODE = height_vpkf.MODE
+_MODES: Mapping[str, Styles] = {
+    height_vpkf.KIND: {
+        height_vpkf.GOOD: ("trusts GNSS (Q1)", entities.TRUSTED_COLOUR),
+        height_vpkf.LOST: ("distrusts GNSS (Q2)", entities.RECOVERING_COLOUR),
+        height_vpkf.COASTING: ("coasting", entities.LEARNING_COLOUR),
+    },
+    "height_filter": {
+        float(branches.WAITING): ("waiting for a fix", entities.CALM_COLOUR),
+        float(branches.TRACKING): ("tracking", entities.TRUSTED_COLOUR),
+        float(branches.COASTING): ("coasting", entities.LEARNING_COLOUR),
+        float(branches.PROBATION): ("fixes on probation", entities.RECOVERING_COLOUR),
+        float(branches.CONTRADICTED): ("fixes contradict", entities.FAULT_COLOUR),
+    },
+}
+"""Modes of height filters in words, by kind of estimator."""
+_RAISED_M = 0.1
+"""A blade so far above the design plane does not level."""
+
 _FAULT = re.compile(r"fault (\w+) (begins|ends)")
 _NO_FAULT = "no fault"
 _UNKNOWN: tuple[str, entities.Colour] = ("unknown", (90, 90, 90))
@@ -49,14 +72,16 @@ def draw_states(run: Run, sheet: Sheet) -> None:
     """Draw every lane that the streams hold."""
     _draw_segments(run, sheet)
     _draw_field(run, sheet)
-    # Whether a machine in a lane turns is told by its driver's state.
-    if run.truth is not None and run.truth.has(YAW_RATE) and not run.keeps_lane:
+    _draw_blade(run, sheet)
+    # Whether a machine in a lane turns is told by its driver's state, and a leveller's yaw rate is not what counts.
+    if run.truth is not None and run.truth.has(YAW_RATE) and not run.keeps_lane and not run.levels:
         turning = np.abs(run.column(run.truth, YAW_RATE)) > TURNING_RAD_S
         styles = {0.0: ("straight", entities.CALM_COLOUR), 1.0: ("turning", entities.TURN_COLOUR)}
         _draw_lane(sheet, "turning", run.truth.t_ns, turning.astype(float), styles)
     for name in run.estimators:
         stream = run.recording.estimates(name)
         _draw_heading_filter(run, sheet, name, stream)
+        _draw_mode(run, sheet, name, stream)
         if stream.has("standstill"):
             standing = (run.column(stream, "standstill") > 0.5).astype(float)
             styles = {0.0: ("moving", entities.CALM_COLOUR), 1.0: ("standstill", run.colours[name])}
@@ -80,6 +105,27 @@ def _draw_heading_filter(run: Run, sheet: Sheet, name: str, stream: Stream) -> N
         # Where nothing was heard there is nothing to tell: a filter without magnetometer learns for ever.
         if found is not None and not (column == MAGNETIC_STATE and (found == LEARNING).all()):
             _draw_lane(sheet, f"{name}_{_LANE_OF[column]}", stream.t_ns, np.round(found[:, 0]), styles)
+
+
+def _draw_mode(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
+    """Draw what a height filter makes of its receiver, if that ever changes once it has a height."""
+    found = run.columns(stream, _MODE, HEIGHT)
+    kind = tomllib.loads(run.recording.scenario_toml).get("estimators", {}).get(name, {}).get("kind")
+    if found is None or kind not in _MODES:
+        return
+    mode, knows = found[:, 0], np.isfinite(found).all(axis=1)
+    if len(np.unique(mode[knows])) > 1:
+        _draw_lane(sheet, f"{name}_mode", stream.t_ns, mode, _MODES[kind])
+
+
+def _draw_blade(run: Run, sheet: Sheet) -> None:
+    """Draw whether a blade is at work or lifted out of the ground."""
+    truth = run.truth
+    found = None if truth is None else run.columns(truth, HEIGHT, LOAD)
+    if truth is None or found is None:
+        return
+    styles = {0.0: ("at work", entities.TRUSTED_COLOUR), 1.0: ("raised", entities.TURN_COLOUR)}
+    _draw_lane(sheet, "blade", truth.t_ns, (found[:, 0] > _RAISED_M).astype(float), styles)
 
 
 def _draw_field(run: Run, sheet: Sheet) -> None:
