@@ -99,6 +99,21 @@ def test_stuck_repeats_the_last_good_value() -> None:
     assert np.ptp(everything.values("position_e_m")) == 0.0
 
 
+def test_a_stuck_value_may_have_last_digits_that_move() -> None:
+    stuck = {"kind": "stuck", "columns": ["position_e_m"], **WINDOW}
+    held = log_with(stuck, runs=100)
+    log = log_with(stuck | {"noise": 1e-4}, runs=100)
+    moved = (log.values("position_e_m") - held.values("position_e_m"))[inside(log)]
+    # 100 runs of 20 samples: 1.6 %.
+    assert np.std(moved) == pytest.approx(1e-4, rel=4 * 0.016)
+    assert np.all(np.diff(moved, axis=0) != 0.0)
+    assert len(np.unique(moved[0])) == 100
+    for column in log.sensor.columns:
+        if column != "position_e_m":
+            np.testing.assert_array_equal(log.values(column), held.values(column))
+    np.testing.assert_array_equal(log.values("position_e_m")[~inside(log)], held.values("position_e_m")[~inside(log)])
+
+
 def test_spikes_come_at_their_rate_to_both_sides_and_on_all_columns_at_once() -> None:
     columns = ["position_e_m", "position_n_m"]
     log = log_with({"kind": "spike", "columns": columns, "size": 5.0, "probability": 0.2, **WINDOW}, runs=200)

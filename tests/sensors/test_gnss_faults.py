@@ -83,6 +83,19 @@ def test_wrong_fix_is_off_by_the_offset_under_a_small_sigma() -> None:
         np.testing.assert_array_equal(log.values(column), plain.values(column))
 
 
+def test_a_given_offset_may_point_either_way_in_each_run_by_itself() -> None:
+    runs = 400
+    wrong = {"kind": "wrong_fix", "offset_m": [0.1, 0.0, 0.2], "either_sign": True, **WINDOW}
+    off = (errors(log_with(wrong, runs=runs)) - errors(log_with(runs=runs)))[inside(log_with())]
+    sign = np.sign(off[0, :, 2])
+    np.testing.assert_allclose(off, np.broadcast_to(sign[:, np.newaxis] * [0.1, 0.0, 0.2], off.shape), atol=1e-12)
+    # Half of 400: 2.5 %.
+    assert np.mean(sign > 0.0) == pytest.approx(0.5, abs=4 * 0.025)
+    alone = drive(sensor(preset("rtk_f9p") | {"faults": [wrong]}, runs=range(7, 8)), STANDING, 40.0)
+    plain = drive(sensor(preset("rtk_f9p"), runs=range(7, 8)), STANDING, 40.0)
+    np.testing.assert_allclose((errors(alone) - errors(plain))[inside(alone)][:, 0], off[:, 7], atol=1e-9)
+
+
 def test_wrong_fix_says_fixed_where_the_receiver_would_float() -> None:
     masked = {"kind": "satellites_masked", "satellites": 6, **WINDOW}
     log = log_with(masked, {"kind": "wrong_fix", **WINDOW}, runs=500)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tests.sensors.motions import Log, preset, sensor
-from tests.sensors.test_gnss_height import UNTOUCHED, inside, log_of, true_fix
+from tests.sensors.test_gnss_height import I70, UNTOUCHED, inside, log_of, true_fix
 from twin.errors import BadInputError
 from twin.signals import FloatArray, IntArray
 
@@ -76,6 +78,41 @@ def test_a_given_offset_is_cut_off_with_the_window_and_returns_with_every_flap()
     assert (entered & open_now).sum() > 100
     np.testing.assert_array_equal(off[~inside(log, 10.0, 20.0)], 0.0)
     np.testing.assert_array_equal(off[quality == 2.0], 0.0)
+
+
+def test_time_and_sign_may_be_drawn_for_each_run_and_each_time() -> None:
+    bad = {"kind": "bad_reacquisition", "offset_m": [0.0, 0.0, 0.2], "either_sign": True, "for_least_s": 0.2,
+           "for_s": 1.0}  # fmt: skip
+    again = LOST | {"from_s": 80.0, "to_s": 100.0}
+    runs = 400
+    plain = log_of(LOST, again, runs=runs, until_s=130.0)
+    off = offsets(log_of(LOST, again, bad, runs=runs, until_s=130.0), plain)[..., 2]
+    np.testing.assert_allclose(np.abs(off[np.abs(off) > 1e-9]), 0.2, atol=1e-12)
+    column = np.arange(runs)
+    halves = off[: len(off) * 6 // 10], off[len(off) * 6 // 10 :]
+    lasted_s = [0.1 * np.sum(np.abs(half) > 1e-9, axis=0) for half in halves]
+    signs = [np.sign(off[first_fix(plain, since), column]) for since in (20.0, 90.0)]
+    for lasted, sign in zip(lasted_s, signs, strict=True):
+        # Evenly from 0.2 to 1 s, the last sample within: a mean of 0.65 s, give or take 0.24 / 20.
+        assert lasted.min() >= 0.2 - 1e-9
+        assert lasted.max() <= 1.0 + 1e-9
+        assert np.mean(lasted) == pytest.approx(0.65, abs=4 * 0.012)
+        assert np.std(lasted) == pytest.approx(0.8 / math.sqrt(12.0), rel=0.1)
+        assert np.mean(sign > 0.0) == pytest.approx(0.5, abs=4 * 0.025)
+    for one, two in (lasted_s, signs, (lasted_s[0], signs[0])):
+        assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(runs)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"either_sign": True}, "either_sign goes with offset_m"),
+        ({"for_least_s": 2.0}, "for_least_s = 2: longer than for_s = 1"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        sensor(preset(I70) | {"faults": [{"kind": "bad_reacquisition", **options}]})
 
 
 def test_a_receiver_that_cannot_fix_cannot_fix_badly() -> None:

@@ -60,10 +60,14 @@ class Dropouts:
 
 
 class Stuck:
-    """Columns repeat the last value given before the window; the first one inside it if there was none before."""
+    """Columns repeat the last value given before the window; the first one inside it if there was none before.
 
-    def __init__(self, *, columns: IntArray) -> None:
+    With a ``stream``, white ``noise`` (1 sigma) is on what they repeat.
+    """
+
+    def __init__(self, *, columns: IntArray, noise: float = 0.0, stream: NormalStream | None = None) -> None:
         self._columns = columns
+        self._noise, self._stream = noise, stream
         self._held: FloatArray | None = None
 
     def apply(self, delivery: Delivery, since_ns: int | None) -> None:
@@ -72,6 +76,8 @@ class Stuck:
             self._held = delivery.values[:, self._columns]
         else:
             delivery.values[:, self._columns] = self._held
+            if self._stream is not None:
+                delivery.values[:, self._columns] += self._noise * self._stream.next()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -68,9 +68,13 @@ class StuckFault(FaultConfig):
     kind: Literal["stuck"]
     columns: Names = ()
     """Without it, all columns."""
+    noise: NonNegative = 0.0
+    """White noise on what is repeated, 1 sigma in the unit of the columns: last digits that still move."""
 
     def effect(self, context: FaultContext) -> Effect:  # noqa: D102
-        return Stuck(columns=context.indices(self.columns))
+        columns = context.indices(self.columns)
+        stream = context.streams.normal(context.process, len(columns)) if self.noise > 0.0 else None
+        return Stuck(columns=columns, noise=self.noise, stream=stream)
 
 
 class SpikeFault(FaultConfig):

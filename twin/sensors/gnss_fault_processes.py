@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
-from twin.sensors.gnss_faults import BadReacquisitionFault, WrongFixFault
+from twin.sensors.gnss_faults import BadReacquisitionFault, WrongAmbiguitiesFault, WrongFixFault
 from twin.sensors.noise import OccasionalNormals, Streams
 from twin.signals import BoolArray, FloatArray, IntArray, nanoseconds
 
@@ -36,21 +37,37 @@ class Flapping:
         return self._states[self._place]
 
 
+class Offsets:
+    """What offsets a fault with wrong ambiguities makes of normal numbers."""
+
+    def __init__(self, fault: WrongAmbiguitiesFault) -> None:
+        self._given = None if fault.offset_m is None else np.array(fault.offset_m)
+        self._sigma = np.array(fault.sigma_m or WRONG_FIX_SIGMA_M)
+        self.normals_needed = 3 if self._given is None else int(fault.either_sign)
+        """How many normal numbers an offset takes."""
+
+    def of(self, normals: FloatArray) -> FloatArray:
+        """Offsets (R, 3) of the runs with these numbers (R, ``normals_needed``)."""
+        offsets: FloatArray = normals * self._sigma if self._given is None else self._sign(normals) * self._given
+        return offsets
+
+    def _sign(self, normals: FloatArray) -> FloatArray:
+        return np.where(normals < 0.0, -1.0, 1.0) if self.normals_needed else np.ones((len(normals), 1))
+
+
 class WrongFix:
     """An offset that stays as long as the window is open."""
 
     def __init__(self, fault: WrongFixFault, *, state: int, streams: Streams, process: str) -> None:
         self.state = state
-        self._sigma = np.array(fault.sigma_m or WRONG_FIX_SIGMA_M)
-        self._stream = streams.normal(process, 3) if fault.offset_m is None else None
-        self._offset: FloatArray = np.zeros((len(streams.runs), 3))
-        if fault.offset_m is not None:
-            self._offset += fault.offset_m
+        self._rule = Offsets(fault)
+        self._stream = streams.normal(process, self._rule.normals_needed) if self._rule.normals_needed else None
+        self._offset = self._rule.of(np.zeros((len(streams.runs), self._rule.normals_needed)))
 
     def step(self, *, opening: bool) -> FloatArray:
         """Return the offset, (R, 3)."""
         if opening and self._stream is not None:
-            self._offset = self._stream.next() * self._sigma
+            self._offset = self._rule.of(self._stream.next())
         return self._offset
 
 
@@ -60,10 +77,10 @@ class BadReacquisitions:
     def __init__(self, fault: BadReacquisitionFault, *, state: int, streams: Streams, process: str) -> None:
         runs = len(streams.runs)
         self._state = state
-        self._for_ns = nanoseconds(fault.for_s)
-        self._fixed_m = fault.offset_m
-        self._sigma = np.array(fault.sigma_m or WRONG_FIX_SIGMA_M)
-        self._normals = OccasionalNormals(streams=streams, process=process, least=3)
+        self._longest_s, self._least_s = fault.for_s, fault.for_least_s
+        self._rule = Offsets(fault)
+        self._needed = self._rule.normals_needed + (0 if fault.for_least_s is None else 1)
+        self._normals = OccasionalNormals(streams=streams, process=process, least=max(self._needed, 1))
         self._was_there: BoolArray = np.ones(runs, dtype=np.bool_)
         self._until_ns: IntArray = np.zeros(runs, dtype=np.int64)
         self._offset: FloatArray = np.zeros((runs, 3))
@@ -86,11 +103,15 @@ class BadReacquisitions:
         return offset
 
     def _come_back(self, run: int, t_ns: int) -> None:
-        self._until_ns[run] = t_ns + self._for_ns
-        if self._fixed_m is not None:
-            self._offset[run] = self._fixed_m
-            return
         first = int(self._normals.used[run])
-        self._offset[run] = self._normals.values[run, first : first + 3] * self._sigma
-        self._normals.used[run] += 3
-        self._normals.top_up(first + 3)
+        normals = self._normals.values[run, first : first + self._needed]
+        self._normals.used[run] += self._needed
+        self._offset[run] = self._rule.of(normals[np.newaxis, : self._rule.normals_needed])[0]
+        self._until_ns[run] = t_ns + nanoseconds(self._for_s(normals))
+        self._normals.top_up(first + self._needed)
+
+    def _for_s(self, normals: FloatArray) -> float:
+        if self._least_s is None:
+            return self._longest_s
+        evenly = float(ndtr(normals[-1]))
+        return self._least_s + evenly * (self._longest_s - self._least_s)

@@ -56,6 +56,8 @@ class WrongAmbiguitiesFault(ReceiverFault):
 
     offset_m: Vector3 | None = None
     """East, north, up; without it, drawn for each run and each time anew."""
+    either_sign: bool = False
+    """``offset_m`` points this way or the opposite one, drawn for each run and each time anew."""
     sigma_m: Vector3 | None = None
     """Standard deviation of the drawn offset; default 0.2, 0.2, 0.38 m: about a wavelength of L1, vertical x 1.9."""
 
@@ -63,6 +65,8 @@ class WrongAmbiguitiesFault(ReceiverFault):
     def _check_offset(self) -> Self:
         if self.offset_m is not None and self.sigma_m is not None:
             raise ValueError("offset_m and sigma_m exclude one another")
+        if self.either_sign and self.offset_m is None:
+            raise ValueError("either_sign goes with offset_m; an offset that is drawn has either sign anyway")
         return self
 
 
@@ -75,13 +79,21 @@ class WrongFixFault(WrongAmbiguitiesFault):
 class BadReacquisitionFault(WrongAmbiguitiesFault):
     """Each time the receiver comes back to quality 4 in the window, its first fixes are off, all by the same offset.
 
-    Every run fixes again at its own time; it is right again after ``for_s``, as a receiver that checks its ambiguities
+    Every run fixes again at its own time; it is right again after a while, as a receiver that checks its ambiguities
     against the next satellites.
     """
 
     kind: Literal["bad_reacquisition"]
     for_s: Positive = 1.0
-    """How long after coming back fixes are off."""
+    """How long after coming back fixes are off; at most, with ``for_least_s``."""
+    for_least_s: Positive | None = None
+    """With it, that time is drawn evenly from here to ``for_s``, for each run and each time anew."""
+
+    @model_validator(mode="after")
+    def _check_time(self) -> Self:
+        if self.for_least_s is not None and self.for_least_s > self.for_s:
+            raise ValueError(f"for_least_s = {self.for_least_s:g}: longer than for_s = {self.for_s:g}")
+        return self
 
 
 class ZeroCovarianceFault(ReceiverFault):
