@@ -80,18 +80,24 @@ def test_a_sine_is_levelled_to_its_mean_whatever_the_heading(heading_deg: float,
     assert np.array_equal(terrain.heights[beside], amplitude * np.sin(2.0 * math.pi / wave * along[beside]))
 
 
-def test_volumes_do_not_depend_on_the_step() -> None:
-    figures = []
+def test_volumes_and_draught_do_not_depend_on_the_step() -> None:
+    figures, means_n, heading = [], [], 0.3
     for step in (0.002, 0.01, 0.02, 0.05, 0.2):
         terrain, east, north = ground()
         terrain.heights[:] = 0.04 * np.sin(3.0 * east + 1.0) * np.cos(2.0 * north) + 0.01 * east
         blade = Blade(spec(), terrain)
-        drive(blade, heading=0.3, step=step)
+        ways, draughts_n = np.linspace(-4.0, 4.0, round(8.0 / step) + 1), []
+        for way in ways:
+            blade.step(link(way * math.cos(heading), way * math.sin(heading), 0.0, heading))
+            draughts_n.append(blade.draught_n)
         figures.append((blade.cut_m3, blade.filled_m3, blade.draught_n))
+        means_n.append(np.trapezoid(draughts_n, ways) / 8.0)
     spread = np.ptp(figures, axis=0) / np.mean(figures, axis=0)
     # The edge lags behind the link by less than half a cell, 0.05 m of 8 m.
     assert spread[0] < 0.01
     assert spread[1] < 0.01
+    # A curve that comes so much later from nothing to its end has a mean that is less by this part of its end.
+    assert np.ptp(means_n) < 0.05 / 8.0 * max(draught_n for _, _, draught_n in figures)
 
 
 @settings(max_examples=25, deadline=None)
