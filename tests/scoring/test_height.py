@@ -57,17 +57,19 @@ def test_time_to_30_mm_is_the_first_excess_since_the_loss(piece_s: float) -> Non
 
 
 @pytest.mark.parametrize("piece_s", [1e4, 0.7])
-def test_the_jump_is_the_largest_step_of_the_error_in_the_second_after_the_first_true_fix(piece_s: float) -> None:
+def test_the_jump_is_the_largest_step_of_the_error_in_the_4_seconds_after_the_first_true_fix(piece_s: float) -> None:
     scenario, truth, t_s = lossy(40.0, (10.0, 30.0), fixes_of="gnss"), heights(40.0), times(40.0)
-    errors = np.zeros((len(truth), 3))
+    errors = np.zeros((len(truth), 4))
     # The first member's fix comes 2 s late, at 32 s; it is 40 mm off, jumps by 45 mm at 32.2 s, back by 5 mm later.
     errors[:, 0] = np.where(t_s < 32.2, 0.040, np.where(t_s < 32.6, -0.005, 0.0))
-    # The second jumps by 20 mm before its fix and by 30 mm more than a second after it, by 1 mm in between.
-    errors[:, 1] = np.where(t_s < 30.5, 0.051, np.where(t_s < 31.5, 0.031, np.where(t_s < 32.5, 0.030, 0.0)))
-    # The third never sees a fix again.
-    fixes = fixes_at(40.0, 32.0, 31.0, 99.0, until_s=10.0)
+    # The second jumps by 20 mm before its fix and by 30 mm more than 4 s after it, by 1 mm in between.
+    errors[:, 1] = np.where(t_s < 30.5, 0.051, np.where(t_s < 31.5, 0.031, np.where(t_s < 35.5, 0.030, 0.0)))
+    # The third believes its fix of 31 s after 1.5 s.
+    errors[:, 2] = np.where(t_s < 31.1, 0.060, np.where(t_s < 32.5, 0.057, 0.0))
+    # The fourth never sees a fix again.
+    fixes = fixes_at(40.0, 32.0, 31.0, 31.0, 99.0, until_s=10.0)
     found = scored(scenario, truth, estimate_of(truth, errors), fixes, piece_s).metrics()
-    np.testing.assert_allclose(found["one.height.jump_at_reacquisition_mm"], [45.0, 1.0, np.nan], rtol=1e-9)
+    np.testing.assert_allclose(found["one.height.jump_at_reacquisition_mm"], [45.0, 1.0, 57.0, np.nan], rtol=1e-9)
 
 
 @pytest.mark.parametrize("piece_s", [1e4, 0.7, 0.02])

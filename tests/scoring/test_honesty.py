@@ -97,6 +97,25 @@ def test_who_claims_no_sigma_is_neither_honest_nor_not() -> None:
     assert all(is_pooled(name) and math.isnan(value) for name, value in found.items())
 
 
+@pytest.mark.parametrize("piece_s", [1e4, 0.7])
+def test_who_stops_claiming_a_sigma_is_not_inside(piece_s: float) -> None:
+    scenario, truth, t_s = lossy(20.0, (5.0, 10.0)), heights(20.0), times(20.0)
+    # The first member's estimator settles for 2 s and is silent in the loss from 6 s to 8 s; the second's never is.
+    silent = (t_s < 2.0) | ((t_s >= 6.0) & (t_s < 8.0))
+    sigmas = np.stack([np.where(silent, np.nan, 0.010), np.full(len(t_s), 0.010)], axis=1)
+    errors = np.where(silent[:, np.newaxis], 0.100, 0.005) * [1.0, 0.0] + [0.0, 0.005]
+    found = figures(
+        scored(scenario, truth, estimate_of(truth, errors, sigmas), None, piece_s).honesty()["one"], scenario
+    )
+    # 18 s and 20 s count, of which 2 s are silent; the worst seconds are those with one of two members.
+    assert found["honesty.inside_percent"] == pytest.approx(100 * 36 / 38)
+    assert found["honesty.least_inside_percent"] == pytest.approx(50.0)
+    assert found["honesty.unsafe_percent"] == 0.0
+    # Sigma and error where both are known: 10 mm and 5 mm.
+    assert found["honesty.largest_sigma_ratio"] == pytest.approx(2.0)
+    assert found["honesty.sigma_at_end_of_loss_mm"] == pytest.approx(10.0)
+
+
 def test_an_unknown_height_with_a_claimed_sigma_is_not_inside_and_has_no_ratio() -> None:
     scenario, truth = lossy(10.0, None), heights(10.0)
     errors = np.where(times(10.0) < 5.0, np.nan, 0.01)

@@ -26,6 +26,7 @@ def _truth() -> Stream:
         "speed_m_s": np.where(t_s > 3.0, 1.0, 0.0),
         "height_m": np.where(t_s <= 3.0, 0.3, np.where(driving < 2.0, 0.020, -0.005)),
         "field_sd_m": np.floor(5 * done) * -0.005 + 0.045,
+        "field_mean_m": 0.012 - 0.027 * done,
         "field_within_30mm": 0.5 + 0.4 * done,
         "field_within_50mm": 0.7 + 0.3 * done,
         "soil_cut_m3": 0.5 + 4.0 * done,
@@ -41,6 +42,8 @@ def test_the_field_is_told_before_and_after_and_what_was_moved() -> None:
     prefix = "truth.levelling."
     assert found[prefix + "flatness_before_mm"] == pytest.approx(45.0)
     assert found[prefix + "flatness_after_mm"] == pytest.approx(20.0)
+    assert found[prefix + "mean_height_before_mm"] == pytest.approx(12.0)
+    assert found[prefix + "mean_height_after_mm"] == pytest.approx(-15.0)
     assert found[prefix + "within_30mm_before_percent"] == pytest.approx(50.0)
     assert found[prefix + "within_30mm_after_percent"] == pytest.approx(90.0)
     assert found[prefix + "within_50mm_after_percent"] == pytest.approx(100.0)

@@ -187,6 +187,27 @@ def test_float_for_minutes_wanders_by_far_more_than_it_says() -> None:
     assert true_fix(log)[-1].all()
 
 
+def test_fewer_satellites_dilute_velocities_as_they_do_positions() -> None:
+    masked = {"kind": "satellites_masked", "satellites": 6, **WINDOW}
+    runs = 400
+    climbing = rising(lambda t: 0.1 * t, lambda _: 0.1, lambda _: 0.0)
+    # Pinned to a fix there is one nominal number of satellites: 24, and sqrt(21 / 3) = 2.65 for 6.
+    log = log_of(masked, runs=runs, until_s=20.0, motion=climbing, state="fix")
+    plain = log_of(runs=runs, until_s=20.0, motion=climbing, state="fix")
+    factor = math.sqrt(7.0)
+    held = inside(log)
+    for column in ("vertical_speed_m_s", "speed_m_s", "course_rad"):
+        np.testing.assert_array_equal(log.values(column)[~held], plain.values(column)[~held])
+    # 20 mm/s white in each sample, 2 mm/s lasting for 60 s: 400 x 101 values (0.4 %) and 400 (3.5 %).
+    error = log.hidden("vertical_speed_m_s.error")[held]
+    np.testing.assert_allclose(error, factor * plain.hidden("vertical_speed_m_s.error")[held], rtol=1e-6)
+    assert np.std(np.diff(error, axis=0)) / math.sqrt(2.0) == pytest.approx(factor * 0.020, rel=4 * 0.0044)
+    assert np.std(error.mean(axis=0)) == pytest.approx(factor * math.hypot(0.002, 0.020 / 10.0), rel=4 * 0.036)
+    # Standing in the level, the two velocities are noise: the speed's mean square is twice 3.5 mm/s squared.
+    level = np.square(log.values("speed_m_s")[held]).mean()
+    assert level == pytest.approx(2.0 * (factor * 0.0035) ** 2, rel=4 / math.sqrt(runs * 101))
+
+
 def test_flapping_between_fix_float_and_differential_for_half_a_minute() -> None:
     log = log_of({"kind": "flapping_quality", "qualities": [4, 5, 2], "changes_hz": 4.0, **WINDOW}, runs=100)
     quality, error = log.values("quality")[inside(log)], height_error(log)[inside(log)]

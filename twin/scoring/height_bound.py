@@ -3,14 +3,16 @@
 The filter of this bound knows all that real ones have to find out: attitude, offsets and outliers of the
 accelerometer, which fixes are right, the receiver's lag; and its samples are never late. What is left are random
 errors. Its state is height h, vertical velocity v, the accelerometer's in-run instability b, and the receiver's slow
-errors: c of a fix, d per second of age of its corrections, k of a lesser state, s of the vertical speed.
+errors: c of a fix, d per second of age of its corrections, k of each lesser state, s of the vertical speed.
 
     h' = v,   v' = a - b + w,   every slow error a Gauss-Markov process
     seen: h + c + (age) d + white,   or h + k + white,   and v + s + white
+    (few satellites dilute c, k, s and what is white)
 
 The Riccati recursion runs at the receiver's rate, first to its steady state with fixes, then through the loss. All
-errors are normal and all is linear, so that no filter can be better. Lesser states whose error is still growing
-(:mod:`twin.sensors.gnss_errors`) have the size it has grown to. What an attitude error makes of level acceleration,
+errors are normal and all is linear, so that no filter can be better. As in the receiver, the slow error of a state goes
+on while it is in another, and a lesser state's that is still growing (:mod:`twin.sensors.gnss_errors`) has the size it
+has grown to. What an attitude error makes of level acceleration,
 and all that has to be told apart first, makes real filters worse.
 """
 
@@ -24,12 +26,13 @@ from statistics import NormalDist
 import numpy as np
 
 from twin.scenario import Scenario
-from twin.scoring.height_supply import Fixes, Seen, supply_of
+from twin.scoring.height_supply import Fixes, Lesser, Seen, supply_of
 from twin.sensors.ahrs import AhrsConfig
 from twin.sensors.gnss_config import GnssConfig
 from twin.signals import FloatArray
 
-_H, _V, _B, _C, _D, _K, _S, _SIZE = range(8)
+_H, _V, _B, _C, _D, _S, _SIZE = range(7)
+"""Lesser states' errors come after these."""
 _LONGEST_S, _CHECKED_S, _SETTLED = 3000.0, 50.0, 1e-3
 """The steady state is looked for so long; it is found when b changes by less than that share in so long."""
 _CYCLE_S = 1.0
@@ -43,8 +46,11 @@ class HeightErrors:
     """True random errors, 1 sigma."""
 
     accel_noise_m_s2_rthz: float
-    """White noise of the acceleration: velocity walks by so many m/s in a second. Of a one-sided density it is the
-    density over the square root of two."""
+    """White noise of the acceleration, as the two-sided density: velocity walks by so many m/s in a second. Data sheets
+    and :mod:`twin.sensors.noise` have one-sided densities, N sqrt(rate / 2) in one sample: those are to be divided by
+    the square root of two. 60 ug/sqrt(Hz) of an MTi-300 (15 ug for 300 s) with a fix of 8.6 mm (100 s) and 1.7 mm white
+    at 10 Hz: taken as two-sided, 0.95 mm/s and 8 ug are left at the loss and 95 % are within 30 mm for 8.2 s; as
+    one-sided, which the simulated sensor has, 0.79 mm/s, 7.1 ug and 9.8 s."""
     bias_m_s2: float
     bias_correlation_s: float
     """In-run instability of the acceleration."""
@@ -97,16 +103,16 @@ def height_bound(errors: HeightErrors, *, loss_s: float, seen: Callable[[float],
     model = _Model(errors)
     steps = max(1, round(loss_s * errors.rate_hz))
     P = tracking = model.steady(seen)
-    variances = np.empty((steps, _SIZE))
+    variances = np.empty((steps, 3))
     for step in range(steps):
         P = model.step(P, seen(step / errors.rate_hz))
-        variances[step] = np.diagonal(P)
+        variances[step] = np.diagonal(P)[[_H, _V, _B]]
     sigma = np.sqrt(variances)
     return HeightBound(
         t_s=np.arange(steps) / errors.rate_hz,
-        sigma_m=sigma[:, _H],
-        velocity_sigma_m_s=sigma[:, _V],
-        bias_sigma_m_s2=sigma[:, _B],
+        sigma_m=sigma[:, 0],
+        velocity_sigma_m_s=sigma[:, 1],
+        bias_sigma_m_s2=sigma[:, 2],
         sigma_tracking_m=math.sqrt(tracking[_H, _H]),
     )
 
@@ -133,9 +139,9 @@ class _Model:
             F[place, place] = math.exp(-T / correlation_s)
             Q[place, place] = sigma**2 * -math.expm1(-2.0 * T / correlation_s)
         self._F, self._Q = F, Q
-        start = np.array([1.0, 0.1, errors.bias_m_s2, 1.0, 1.0, 1.0, errors.speed_correlated_m_s])
+        start = np.array([1.0, 0.1, errors.bias_m_s2, 1.0, 1.0, errors.speed_correlated_m_s])
         self._start = np.diag(start**2)
-        self._lesser: str | None = None
+        self._lesser: dict[str, int] = {}
 
     def steady(self, seen: Callable[[float], Seen]) -> FloatArray:
         """Covariance after very many fixes, a period before time zero."""
@@ -153,30 +159,41 @@ class _Model:
 
     def step(self, P: FloatArray, seen: Seen) -> FloatArray:
         """Covariance a period later, after what is seen then."""
-        F, Q, errors = self._F, self._Q, self._errors
-        if seen.lesser is not None:
-            F[_K, _K] = math.exp(-self._period_s / seen.lesser.correlation_s)
-            Q[_K, _K] = -math.expm1(-2.0 * self._period_s / seen.lesser.correlation_s)
-        P = F @ P @ F.T + Q
+        errors, lesser, dilution = self._errors, seen.lesser, seen.dilution
+        P = self._F @ P @ self._F.T + self._Q
         if seen.fix_age_s is not None:
             fix = errors.fix
-            weights = {_H: 1.0, _C: fix.correlated_m, _D: fix.age_drift_m_s * seen.fix_age_s}
-            P = _update(P, weights, fix.white_m**2)
-        if seen.lesser is not None:
-            if seen.lesser.name != self._lesser:
-                P[_K, :], P[:, _K], P[_K, _K] = 0.0, 0.0, 1.0
-            P = _update(P, {_H: 1.0, _K: seen.lesser.correlated_m}, seen.lesser.white_m**2)
-        self._lesser = None if seen.lesser is None else seen.lesser.name
+            weights = {_H: 1.0, _C: dilution * fix.correlated_m, _D: fix.age_drift_m_s * seen.fix_age_s}
+            P = _update(P, weights, dilution * fix.white_m)
+        if lesser is not None:
+            if lesser.name not in self._lesser:
+                P = self._meet(lesser, P)
+            weights = {_H: 1.0, self._lesser[lesser.name]: dilution * lesser.correlated_m}
+            P = _update(P, weights, dilution * lesser.white_m)
         if seen.speed and errors.speed_white_m_s is not None:
-            P = _update(P, {_V: 1.0, _S: 1.0}, errors.speed_white_m_s**2)
+            P = _update(P, {_V: 1.0, _S: dilution}, dilution * errors.speed_white_m_s)
         return P
 
+    def _meet(self, lesser: Lesser, P: FloatArray) -> FloatArray:
+        """Covariance with the error of a lesser state that was never seen before: stationary, of variance one."""
+        self._lesser[lesser.name] = len(P)
+        keep = math.exp(-self._period_s / lesser.correlation_s)
+        self._F, self._Q = _grown(self._F, keep), _grown(self._Q, 1.0 - keep * keep)
+        return _grown(P, 1.0)
 
-def _update(P: FloatArray, weights: dict[int, float], variance: float) -> FloatArray:
-    h = np.zeros(_SIZE)
+
+def _grown(matrix: FloatArray, corner: float) -> FloatArray:
+    """The matrix with one more row and column, zero but for their common element."""
+    grown = np.pad(matrix, (0, 1))
+    grown[-1, -1] = corner
+    return grown
+
+
+def _update(P: FloatArray, weights: dict[int, float], white: float) -> FloatArray:
+    h = np.zeros(len(P))
     h[list(weights)] = list(weights.values())
     PHt = P @ h
-    P = P - np.outer(PHt, PHt) / (h @ PHt + variance)
+    P = P - np.outer(PHt, PHt) / (h @ PHt + white**2)
     return 0.5 * (P + P.T)
 
 

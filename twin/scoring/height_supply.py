@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from twin.sensors.faults import OutageFault, StuckFault
 from twin.sensors.gnss_config import GnssConfig
@@ -20,7 +20,7 @@ from twin.sensors.gnss_faults import (
     WrongFixFault,
 )
 from twin.sensors.gnss_outputs import VERTICAL_SPEED
-from twin.sensors.gnss_states import OPEN_SKY, RTK_FIXED, FixState
+from twin.sensors.gnss_states import OPEN_SKY, RTK_FIXED, FixState, dilution
 
 _UP = 2
 _HEIGHT = "position_u_m"
@@ -57,6 +57,8 @@ class Seen:
     """A height that is no fix."""
     speed: bool = True
     """Whether there is a vertical speed."""
+    dilution: float = 1.0
+    """Factor on all errors but the drift with age, of few satellites in view."""
 
 
 class Supply:
@@ -71,7 +73,8 @@ class Supply:
             age_drift_correlation_s=config.age_drift_correlation_s,
         )
         self._config, self._begin_s = config, begin_s
-        self._entered: tuple[str, float] | None = None
+        self._names = list(config.states)
+        self._place, self._entered_s, self._entry = self._names.index(config.state or self._names[0]), 0.0, 1.0
 
     def at(self, since_s: float) -> Seen:
         """What is seen so long after the begin; times have to be asked for in order."""
@@ -82,20 +85,24 @@ class Supply:
             for fault in faults
             if since_s >= 0.0 and fault.from_s <= t_s and (fault.to_s is None or t_s < fault.to_s)
         ]
-        speed = not any(_silences(fault, VERTICAL_SPEED) for fault in open_now)
-        if any(_silences(fault, _HEIGHT) or isinstance(fault, WrongFixFault) for fault in open_now):
-            return Seen(speed=speed)
         satellites = min(
             (fault.satellites for fault in open_now if isinstance(fault, SatellitesMaskedFault)), default=OPEN_SKY
         )
         age_s = self._age_s(t_s, [fault.from_s for fault in open_now if _stops_corrections(fault)])
-        found = self._state(age_s, satellites)
-        if found is None:
+        place = self._place_of(age_s, satellites)
+        self._enter(place, since_s)
+        if place == len(self._names):
             return Seen(speed=False)
-        name, state = found
+        state = self._config.states[self._names[place]]
+        common = Seen(
+            speed=not any(_silences(fault, VERTICAL_SPEED) for fault in open_now),
+            dilution=float(dilution([state], satellites)[0]),
+        )
+        if any(_silences(fault, _HEIGHT) or isinstance(fault, WrongFixFault) for fault in open_now):
+            return common
         if state.quality == RTK_FIXED:
-            return Seen(fix_age_s=age_s, speed=speed)
-        return Seen(lesser=self._lesser(name, state, since_s), speed=speed)
+            return replace(common, fix_age_s=age_s)
+        return replace(common, lesser=self._lesser(self._names[place], state, since_s))
 
     def _age_s(self, t_s: float, stopped_s: Sequence[float]) -> float:
         interval = self._config.corrections_interval_s
@@ -104,18 +111,25 @@ class Supply:
         heard_s = min([t_s, *stopped_s]) - self._config.corrections_delay_s
         return t_s - math.floor(heard_s / interval + 1e-9) * interval
 
-    def _state(self, age_s: float, satellites: int) -> tuple[str, FixState] | None:
-        """The best state whose conditions hold; the way down takes no time."""
-        for name, state in self._config.states.items():
+    def _place_of(self, age_s: float, satellites: int) -> int:
+        """Place on the ladder of the best state whose conditions hold; the way down takes no time."""
+        if self._config.state is not None:
+            return self._names.index(self._config.state)
+        for place, state in enumerate(self._config.states.values()):
             fresh = state.until_age_s is None or age_s < state.until_age_s
             if fresh and satellites >= state.satellites_needed:
-                return name, state
-        return None
+                return place
+        return len(self._names)
+
+    def _enter(self, place: int, since_s: float) -> None:
+        """Note when a state is entered, and with which part of its error: all of it on the way up."""
+        if place != self._place:
+            from_better = self._place < place < len(self._names)
+            self._entry = self._config.states[self._names[place]].entry_ratio if from_better else 1.0
+            self._place, self._entered_s = place, since_s
 
     def _lesser(self, name: str, state: FixState, since_s: float) -> Lesser:
-        if self._entered is None or self._entered[0] != name:
-            self._entered = (name, since_s)
-        grown = 1.0 - (1.0 - state.entry_ratio) * math.exp(-(since_s - self._entered[1]) / state.growth_s)
+        grown = 1.0 - (1.0 - self._entry) * math.exp(-(since_s - self._entered_s) / state.growth_s)
         return Lesser(
             name=name,
             correlated_m=state.correlated_sigma_m[_UP] * grown,

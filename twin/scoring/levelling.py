@@ -1,8 +1,9 @@
 """What a levelling machine did to its field, and how it held its blade.
 
 Flatness is S_d, the standard deviation of the ground's heights over a grid (TD/T 1033-2012, as paper 002 cites it), and
-the share of the grid's points within 30 mm (the same) and 50 mm of their mean. The world surveys the area that counts
-now and then and holds the figures in between; *before* is the first row of the truth, *after* the last.
+the share of the grid's points within 30 mm (the same) and 50 mm of their mean. Neither sees that an even field lies too
+high or too low: their mean height above the design plane tells. The world surveys the area that counts now and then and
+holds the figures in between; *before* is the first row of the truth, *after* the last.
 
 The blade's height above the design plane is judged while it works: from ``scoring.from_s`` on, the machine moving, the
 blade over the area that counts (anywhere if none is named). A blade that was raised there has not been where it should.
@@ -22,6 +23,7 @@ from twin.signals import HEIGHT, POSITION, SPEED, BoolArray, FloatArray, nanosec
 MOVING_M_S = 0.1
 _FIGURES = {
     "field_sd_m": ("truth.levelling.flatness_{}_mm", 1000.0),
+    "field_mean_m": ("truth.levelling.mean_height_{}_mm", 1000.0),
     "field_within_30mm": ("truth.levelling.within_30mm_{}_percent", 100.0),
     "field_within_50mm": ("truth.levelling.within_50mm_{}_percent", 100.0),
 }
@@ -46,7 +48,7 @@ _WHEN = {"before": 0, "after": -1}
 
 
 def metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
-    """Flatness before and after, soil moved, and the blade's height while it worked; each of shape (1,).
+    """Flatness and mean height before and after, soil moved, and the blade's height while it worked, shape (1,) each.
 
     The soil is that moved from the first row to the last, at any place. NaN of a blade that never worked.
     """

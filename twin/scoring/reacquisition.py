@@ -3,7 +3,9 @@
 Both count from a member's first *true* fix at or after the end of the loss, which the receiver's hidden stream tells
 (``true_fix``, 1 or 0, at the time of the sample): a wrong fix, or a report of one, does not begin the time.
 
-The *jump* is the largest change of the error from one epoch to the next within a second after it. An estimate has
+The *jump* is the largest change of the error from one epoch to the next in the 4 s after it: a filter that first looks
+whether a fix is a right one steps when it has seen enough, and the longest time that recovery may take
+(:mod:`twin.scoring.honesty`) and a second more have to be over before nothing is left to come. An estimate has
 *recovered* when its error and the sigma that it claims are within the family's tolerance and stay there for a second.
 """
 
@@ -18,7 +20,7 @@ from twin.recording import Stream
 from twin.sensors.gnss import TRUE_FIX
 from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
-_JUMP_WINDOW_NS = NS_PER_S
+_JUMP_WINDOW_NS = 4 * NS_PER_S
 _HOLD_NS = NS_PER_S
 _NEVER = np.iinfo(np.int64).max // 2
 

@@ -4,7 +4,8 @@
 
 p is the position of the antenna, which sits on a mount of its own, so that the lever arm and the machine's attitude are
 in it. v is the antenna's velocity behind the receiver's own filter L (first order); speed and course are modulus and
-direction of the noisy horizontal velocity, so that at standstill the course is noise, as it is in reality. Course is
+direction of the noisy horizontal velocity, so that at standstill the course is noise, as it is in reality. Doppler
+shifts see the satellites' geometry as ranges do: fewer of them dilute velocities by the factor of positions. Course is
 the direction of travel in the twin's convention (counter-clockwise from east), not the compass course of NMEA.
 
 Errors and reports follow the receiver's fix state: corrections (:mod:`twin.sensors.gnss_corrections`) and satellites
@@ -161,7 +162,7 @@ class Gnss(Sensor):
         self._truth[:3] = position
         if self._tampered:
             self._own_position = values[:, :3].copy()
-        self._put_velocity(values, capture, index, normals)
+        self._put_velocity(values, capture, index, dilutions, normals)
         self._put_heading(values, capture.rotation, index)
         self._reports.write(
             values,
@@ -189,15 +190,20 @@ class Gnss(Sensor):
             self._dilution_of[satellites] = dilution(self._table, satellites)
         return self._dilution_of[satellites]
 
-    def _put_velocity(self, values: FloatArray, capture: MountMotion, index: IntArray, normals: FloatArray) -> None:
+    def _put_velocity(
+        self, values: FloatArray, capture: MountMotion, index: IntArray, dilutions: FloatArray, normals: FloatArray
+    ) -> None:
         velocity = capture.velocity_enu_m_s
         true_speed = math.hypot(velocity[0], velocity[1])
         self._truth[3] = true_speed
         self._truth[4] = math.atan2(velocity[1], velocity[0]) if true_speed >= _NO_COURSE_M_S else math.nan
         east, north, up = self._velocity_lag.step(capture.mean_velocity_enu_m_s, velocity).tolist()
-        speed_and_course(east, north, true_speed, index, self._still_noise, self._noise_ratio, normals, 3, values)
+        still_noise, noise_ratio = self._still_noise * dilutions, self._noise_ratio * dilutions
+        speed_and_course(east, north, true_speed, index, still_noise, noise_ratio, normals, 3, values)
         if self._vertical_error is not None:
-            values[:, 5] = self._vertical_error.step() + up
+            # without a position there is no speed either, whatever stands here
+            factor = dilutions[np.minimum(index, len(dilutions) - 1)]
+            values[:, 5] = self._vertical_error.step() * factor + up
             self._truth[5] = velocity[2]
 
     def _put_heading(self, values: FloatArray, rotation: FloatArray, index: IntArray) -> None:

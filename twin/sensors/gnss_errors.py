@@ -14,7 +14,7 @@
   The share begins at ``entry_ratio``, grows to one, and shrinks to ``entry_ratio`` while a better state is acquired.
 - ``age x drift x g``: its standard deviation is exactly drift x age at every age; it is continuous as age grows, and
   falls back, a step, when new corrections arrive. Measured heights move this way, not as noise.
-- ``dilution``: fewer satellites (:func:`twin.sensors.gnss_states.dilution`).
+- ``dilution``: fewer satellites (:func:`twin.sensors.gnss_states.dilution`); velocities suffer from it alike.
 
 What the receiver reports depends on its state, age and dilution alone, never on its true error.
 """

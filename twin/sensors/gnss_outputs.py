@@ -16,7 +16,8 @@ HEADING_SIGMA = "sigma_heading_rad"
 
 
 class VerticalSpeed(Config):
-    """Speed upwards, from Doppler; behind the same filter as the horizontal velocity."""
+    """Speed upwards, from Doppler; behind the same filter as the horizontal velocity. Errors are those under an open
+    sky."""
 
     white_sigma_m_s: NonNegative
     """Error that is new in every sample."""

@@ -52,7 +52,7 @@ class FixState(Config):
     reported_sigma_m: Vector3
     """What the receiver claims."""
     velocity_noise_m_s: NonNegative
-    """White error of the east and of the north velocity at standstill."""
+    """White error of the east and of the north velocity at standstill, under an open sky."""
     velocity_noise_ratio: NonNegative = 0.0
     """Further white error per m/s of speed, added in quadrature."""
     satellites: Annotated[int, Field(ge=_FEWEST)]
