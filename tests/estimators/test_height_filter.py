@@ -146,7 +146,7 @@ def test_tilt_is_learnt_on_a_machine_that_drives_and_turns() -> None:
         {"learns": ours(vertical_speed=False), "does_not": ours(vertical_speed=False, tilt=False)},
         duration_s=65.0,
         machine=Machine(speed=speed),
-        members=200,
+        members=100,
         faults=faults,
     )
     for result in found.values():

@@ -178,4 +178,4 @@ class EnsembleEngine:
 
 def _members_last(array: FloatArray) -> FloatArray:
     """The array with its first axis last, contiguous; the same memory if it lies so already."""
-    return np.ascontiguousarray(np.moveaxis(array, 0, -1), dtype=np.float64)
+    return np.ascontiguousarray(array.transpose((*range(1, array.ndim), 0)), dtype=np.float64)
