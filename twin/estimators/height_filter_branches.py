@@ -208,8 +208,8 @@ class Branches:
         # the lag is made good by the measured acceleration, whose offset remains
         weights: dict[int, float | FloatArray] = {V: 1.0, B0: sheet.lag_s, B1: sheet.lag_s}
         if layout.speed is not None:
-            weights[layout.speed] = 1.0
-        observation = SumOfStates(weights, np.full(len(z), sheet.white_m_s**2), size=layout.size)
+            weights[layout.speed] = reading.diluted
+        observation = SumOfStates(weights, np.square(sheet.white_m_s * reading.diluted), size=layout.size)
         quiet = np.maximum(beliefs.speed_ns, beliefs.used_ns)
         lost = known & (quiet > _NEVER) & (reading.t_ns - quiet > self._speed_patience_ns)
         for branch, members in self._both():

@@ -97,7 +97,9 @@ class FixReading:
     quality: FloatArray
     """(R,) of the fix; NaN where nothing was heard."""
     wider: FloatArray
-    """(R,) by how much errors are larger than the data sheet says, at least 1."""
+    """(R,) by how much errors of the height are larger than the data sheet says, at least 1."""
+    diluted: FloatArray
+    """(R,) the same of velocities, which only the geometry of the satellites widens."""
     drift_m: FloatArray
     """(R,) standard deviation that the corrections' age adds."""
     coarse_sigma_m: FloatArray
@@ -159,13 +161,15 @@ class HeightReceiver:
         if self.speed is not None:
             speed_known = self._news(measurement, _VERTICAL_SPEED)
         level, level_known = self._level(measurement)
+        diluted = np.maximum(self._diluted(column.get(_DILUTION), fixed), 1.0)
         return FixReading(
             t_ns=self._time_ns(measurement),
             height_m=np.where(news, column["position_u_m"] - self._design_m, 0.0),
             fixed=news & fixed,
             coarse=news & ~fixed,
             quality=quality,
-            wider=np.maximum(np.maximum(said_wider, self._diluted(column.get(_DILUTION), fixed)), 1.0),
+            wider=np.maximum(said_wider, diluted),
+            diluted=diluted,
             drift_m=drift,
             coarse_sigma_m=sigma,
             coarse_white_m=white,
@@ -173,7 +177,8 @@ class HeightReceiver:
             speed_m_s=np.where(speed_known, column.get(_VERTICAL_SPEED, 0.0), 0.0),
             speed_known=speed_known,
             level_m_s=level,
-            level_variance=self._level_noise[0] ** 2 + self._level_noise[1] ** 2 * np.square(level).sum(axis=0),
+            level_variance=np.square(diluted)
+            * (self._level_noise[0] ** 2 + self._level_noise[1] ** 2 * np.square(level).sum(axis=0)),
             level_known=level_known,
         )
 
