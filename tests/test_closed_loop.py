@@ -87,7 +87,7 @@ def test_a_replay_says_what_the_driver_heard(scenario_file: Path) -> None:
 
 
 def test_several_runs_cannot_share_a_world(scenario_file: Path) -> None:
-    with pytest.raises(BadInputError, match=r"lane\.toml: the driver listens to its sensors.*one run at a time"):
+    with pytest.raises(BadInputError, match=r"lane\.toml: the commands of driver depend.*one run at a time"):
         execute(load(scenario_file), runs=(0, 1))
 
 

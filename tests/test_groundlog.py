@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from twin import groundlog
 from twin.errors import BadInputError
 from twin.groundlog import FILE, GroundLogWriter, load_ground, save_ground
 
@@ -53,11 +54,20 @@ def test_no_soil_no_file(tmp_path: Path) -> None:
         pa.table({"t_ns": [1], "cell": [0], "height_m": [float("nan")]}),
         pa.table({"t_ns": [1], "cell": ["x"], "height_m": [0.0]}),
         pa.table({"t_ns": [1], "cell": pa.array([None], pa.int64()), "height_m": [0.0]}),
+        pa.table({"t_ns": pa.array([None, 1], pa.int64()), "cell": [0, 0], "height_m": [0.0, 0.0]}),
+        pa.table({"t_ns": [1], "cell": [-1], "height_m": [0.0]}),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, table: pa.Table) -> None:
     pq.write_table(table, tmp_path / FILE)
     with pytest.raises(BadInputError, match=FILE):
+        load_ground(tmp_path)
+
+
+def test_a_log_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_ground(_log().finish(), tmp_path)
+    monkeypatch.setattr(groundlog, "_MOST_ROWS", 2)
+    with pytest.raises(BadInputError, match="at most 6 are read"):
         load_ground(tmp_path)
 
 

@@ -8,7 +8,8 @@ import tomli_w
 
 from tests.small_scenario import small_scenario
 from twin.errors import BadInputError
-from twin.scenario import json_schema, load
+from twin.scenario import json_schema, load, resolve
+from twin.scenario.files import _read_extended
 
 FIRST = {"metric": "central.row_speed.mean_abs_error_m_s", "max": 1.0}
 SECOND = {"metric": "radar_only.row_speed.mean_abs_error_m_s", "max": 2.0}
@@ -41,6 +42,22 @@ def test_a_chain_of_three_keeps_what_nobody_changed(tmp_path: Path) -> None:
     assert scenario.duration_s == 4.0
     assert scenario.sensors["radar"].rate_hz == 10.0
     assert scenario.sensors["radar"].mount == "radar"
+
+
+def test_keys_of_another_kind_are_not_inherited(tmp_path: Path) -> None:
+    """Neither terrain nor driver has the keys of the kind that the base has; what stays of one kind is merged."""
+    rough = {"kind": "rough", "psd_m3": 1e-5, "psd_slope": 2.0}
+    _write(tmp_path, "_base", small_scenario(checks=[], terrain=rough, driver={"speed_m_s": 2.0}))
+    bench = {"machine": {"kind": "rail_bench"}, "driver": {"kind": "reciprocation", "stand_s": 1.0}}
+    alone = {"sensors": {}, "estimators": {}}
+    changed = _read_extended(_write(tmp_path, "bench", {"extends": "_base", "terrain": {"kind": "flat"}, **bench}))
+    scenario = resolve({**changed, **alone}, where="bench")
+    assert scenario.driver.stand_s == 1.0
+    assert scenario.terrain.kind == "flat"
+    kept = {"extends": "_base", "terrain": {"psd_slope": 1.5}, "driver": {"kind": "path", "preview_s": 0.4}}
+    scenario = load(_write(tmp_path, "kept", kept)).scenario
+    assert (scenario.terrain.psd_m3, scenario.terrain.psd_slope) == (1e-5, 1.5)
+    assert scenario.driver.speed_m_s == 2.0
 
 
 def test_an_array_is_replaced_as_a_whole(tmp_path: Path) -> None:

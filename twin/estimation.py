@@ -14,7 +14,7 @@ import numpy as np
 from twin.errors import BadInputError
 from twin.estimators import build_estimator
 from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream
-from twin.scenario import Scenario
+from twin.scenario import RESERVED, Scenario
 from twin.signals import (
     NS_PER_S,
     Estimate,
@@ -190,8 +190,8 @@ def build_bank(
             estimator=estimators[name], sensors=frozenset(config.sensors), period_ns=period_ns(config.rate_hz)
         )
     for name, factory in (plugins or {}).items():
-        if name in estimators:
-            raise BadInputError(f"--estimator {name}: the scenario has an estimator of that name")
+        if name in estimators or name in RESERVED:
+            raise BadInputError(f"--estimator {name}: the scenario or its metrics have something of that name")
         estimators[name] = factory(estimator_setup(name, scenario, sensors, tuple(sensors), runs))
         listeners[name] = Listener(
             estimator=estimators[name], sensors=frozenset(sensors), period_ns=period_ns(_PLUGIN_RATE_HZ)

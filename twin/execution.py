@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
 
 from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver, build_implement
+from twin.control.blade_sight import BladeSight
 from twin.errors import BadInputError, WorldEndedError
 from twin.estimation import EstimatorFactory
 from twin.geometry import wrap_angle_scalar
@@ -31,6 +33,7 @@ from twin.signals import (
     Event,
     FloatArray,
     Knowledge,
+    Listening,
     Need,
     Said,
     nanoseconds,
@@ -67,7 +70,7 @@ class Observer(Protocol):
 
 
 class Confidant(Observer, Protocol):
-    """An observer that a driver can ask."""
+    """An observer that driver and implement can ask."""
 
     def said(self, estimator: str) -> Said | None:
         """Latest estimate of one estimator."""
@@ -88,11 +91,13 @@ def execute(
 
     Raises:
         BadInputError: something in the scenario cannot be built, or a check names a metric that will not exist, or
-            several runs are wanted of a scenario whose driver listens to estimators or sensors.
+            several runs are wanted of a scenario whose driver or implement goes by what is measured.
     """
     if len(runs) > 1 and loaded.scenario.listens.closes_loop:
+        who = " and ".join(loaded.scenario.loop_closers)
         raise BadInputError(
-            f"{loaded.path}: the driver listens to its sensors, so that every run drives its own way: one run at a time"
+            f"{loaded.path}: the commands of {who} depend on what is measured, so that every run moves its own way: one"
+            " run at a time"
         )
     return _execute(loaded, groups=[runs], full_rate=full_rate, plugins=plugins, progress=progress)[0]
 
@@ -248,11 +253,12 @@ class Journey:
         self._observer = observer
         self._driver = _driver(scenario)
         self._implement = None if scenario.implement is None else build_implement(scenario.implement)
-        self._sees_implement = scenario.machine.lifts
+        self._lifts = scenario.machine.lift is not None
+        self._sight = BladeSight(interval_s=1.0 / CONTROL_HZ)
         self._ticks = nanoseconds(scenario.duration_s) // world.dt_ns
         self._truth_every = 1 if full_rate else _period_ticks(scenario.recording.truth_hz, world.dt_ns)
         self._control_every = _period_ticks(CONTROL_HZ, world.dt_ns)
-        self._listens = scenario.listens
+        self._listens = {section: controller.listens for section, controller in scenario.controllers.items()}
         self._keeps_lane = isinstance(scenario.driver, LaneDriverConfig)
         columns = (*world.truth_columns, "segment", *((LANE_OFFSET, LANE_HEADING) if self._keeps_lane else ()))
         self._truth = StreamWriter(columns, 1)
@@ -309,22 +315,23 @@ class Journey:
 
     def _decide(self, t_ns: int) -> Command:
         """What the driver, and after it whoever holds the implement, ask of the machine now."""
-        knowledge = self._knowledge(t_ns)
-        command = self._driver.command(knowledge, self._control_every * self._world.dt_ns / NS_PER_S)
-        return command if self._implement is None else self._implement.amend(command, knowledge)
+        interval_s = self._control_every * self._world.dt_ns / NS_PER_S
+        command = self._driver.command(self._knowledge(t_ns, self._listens["driver"]), interval_s)
+        if self._implement is None:
+            return command
+        knowledge = self._knowledge(t_ns, self._listens["implement"])
+        seen = self._sight.look(self._world.load_share)
+        return self._implement.amend(command, replace(knowledge, load_share=seen))
 
-    def _knowledge(self, t_ns: int) -> Knowledge:
-        """What driver and implement go by now."""
-        implement = self._world.implement() if self._sees_implement else None
-        if not self._listens.closes_loop:
-            return Knowledge(t_ns=t_ns, vehicle=self._world.vehicle(), implement=implement)
+    def _knowledge(self, t_ns: int, listens: Listening) -> Knowledge:
+        """What one of them goes by now, of whom it listens to."""
         confidant = cast("Confidant", self._observer)
-        said = {name: confidant.said(name) for name in self._listens.estimators}
-        measured = {name: confidant.measured(name, t_ns) for name in self._listens.sensors}
+        said = {name: confidant.said(name) for name in listens.estimators}
+        measured = {name: confidant.measured(name, t_ns) for name in listens.sensors}
         return Knowledge(
             t_ns=t_ns,
-            vehicle=self._world.vehicle() if self._listens.truth else None,
-            implement=implement if self._listens.truth else None,
+            vehicle=self._world.vehicle() if listens.truth else None,
+            implement=self._world.implement() if listens.truth and self._lifts else None,
             said={name: each for name, each in said.items() if each is not None},
             measured={name: each for name, each in measured.items() if each is not None},
         )

@@ -171,7 +171,7 @@ class Inbox:
         self._latest: dict[str, Said] = {}
 
     def deliver(self, measurement: Measurement) -> None:
-        """Put a measurement on its way, if the driver hears its sensor."""
+        """Put a measurement on its way, if driver or implement hears its sensor."""
         waiting = self._under_way.get(measurement.sensor)
         if waiting is not None and measurement.valid[0]:
             waiting.append(measurement)
@@ -240,7 +240,7 @@ class SideBySide:
             group.advance(t_ns)
 
     def said(self, estimator: str) -> Said | None:
-        """Latest estimate of one estimator: whom a driver listens to is alone with it."""
+        """Latest estimate of one estimator: whoever goes by it is alone with it."""
         return self._only.said(estimator)
 
     def measured(self, sensor: str, t_ns: int) -> Said | None:

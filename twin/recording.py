@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from twin.errors import BadInputError
 from twin.groundlog import GroundLog, save_ground
+from twin.parquet import read_table
 from twin.pictures import FOLDER as PICTURE_FOLDER
 from twin.pictures import Pictures, save_pictures
 from twin.signals import NS_PER_S, BoolArray, Event, FloatArray, IntArray
@@ -24,8 +25,6 @@ from twin.world.terrain import Terrain
 
 TRUTH = "truth"
 _FIRST_ROWS = 64
-_MOST_CELLS = 500_000_000
-"""Of one file read back: 4 GB of numbers."""
 
 
 def measurement_stream(sensor: str) -> str:
@@ -278,23 +277,10 @@ def load_streams(folder: Path) -> dict[str, Stream]:
     for path in [folder / "truth.parquet", *others]:
         name = path.relative_to(folder).with_suffix("").as_posix()
         try:
-            streams[name] = Stream.from_arrow(_read_table(path))
+            streams[name] = Stream.from_arrow(read_table(path))
         except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             raise BadInputError(f"{path}: cannot be read as a recorded stream ({error})") from error
     return streams
-
-
-def _read_table(path: Path) -> pa.Table:
-    """Read a Parquet file, unless its own footer says that it would fill the memory.
-
-    Raises:
-        ValueError: it is too large.
-    """
-    with pq.ParquetFile(path) as file:
-        cells = file.metadata.num_rows * file.metadata.num_columns
-        if cells > _MOST_CELLS:
-            raise ValueError(f"{cells:.3g} values; at most {_MOST_CELLS:.3g} are read")
-        return file.read()
 
 
 def load_events(folder: Path) -> list[Event]:
@@ -305,6 +291,6 @@ def load_events(folder: Path) -> list[Event]:
     """
     path = folder / "events.parquet"
     try:
-        return [Event(**row) for row in _read_table(path).cast(_EVENT_SCHEMA).to_pylist()]
+        return [Event(**row) for row in read_table(path).cast(_EVENT_SCHEMA).to_pylist()]
     except (OSError, pa.ArrowException, ValueError) as error:
         raise BadInputError(f"{path}: cannot be read as an event log ({error})") from error

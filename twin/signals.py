@@ -52,8 +52,8 @@ SIGN_SEEN, SIGN_RANGE, SIGN_BEARING = "sign_seen", "sign_range_m", "sign_bearing
 """Whether a stop sign is seen (0 or 1), how far it is, and where to, positive to the left."""
 HEIGHT = "height_m"
 """Of the reference frame (a blade's edge, the plate of a bench) above the design plane."""
-LOAD_SHARE = "blade_load_share"
-"""How full a blade is: the soil it carries over the most that it holds."""
+STROKE = "stroke_m"
+"""Of the slide that raises and lowers the reference frame, in the slide's own coordinate."""
 CLEARANCE = "clearance_m"
 """From the machine's outline to the nearest trunk; zero or less where they touch."""
 
@@ -141,6 +141,8 @@ class JointNeed:
     mount: Mount
     joints: tuple[str, ...]
     """Joints of the machine."""
+    slides: bool = False
+    """Whether they have to be slides; if not, they have to be hinges."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -413,7 +415,7 @@ class Listening:
         return bool(self.estimators or self.sensors)
 
     def __or__(self, other: Listening) -> Listening:
-        """Whom two controllers listen to together."""
+        """Whom two controllers listen to together; what each of them knows is still its own."""
         return Listening(
             estimators=tuple(dict.fromkeys((*self.estimators, *other.estimators))),
             sensors=tuple(dict.fromkeys((*self.sensors, *other.sensors))),
@@ -439,8 +441,10 @@ class Knowledge:
     vehicle: VehicleState | None = None
     """What is to be seen from the seat, which is the truth; None where nobody follows it."""
     implement: Said | None = None
-    """True height and vertical speed of the implement and how full its blade is, by column; None where nobody sees
-    them."""
+    """True height, vertical speed and stroke of the implement, by column; None for whoever does not see them."""
+    load_share: float = 0.0
+    """How full the blade looks from the seat, roughly and late: the soil it carries over the most that it holds.
+    Whoever holds it sees that, whatever else is known of it."""
     said: Mapping[str, Said] = field(default_factory=dict)
     """Latest estimate by estimator, of those that have spoken."""
     measured: Mapping[str, Said] = field(default_factory=dict)

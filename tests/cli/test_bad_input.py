@@ -56,6 +56,26 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"sensors": {"radar": {"faults": [{"kind": "outage", "from_s": 3.0, "to_s": 2.0}]}}},
         "sensors.radar.faults.0",
     ),
+    "loss backwards": (
+        {"scoring": {"loss": {"from_s": 3.0, "to_s": 2.0}}},
+        "scoring.loss: from_s = 3 is not",
+    ),
+    "loss after the end": (
+        {"scoring": {"loss": {"from_s": 5.0, "to_s": 6.0}}},
+        "scoring.loss.from_s = 5: the run",
+    ),
+    "estimator named as a family of metrics": (
+        {"estimators": {"bound": {"kind": "height_hold", "sensors": ["radar"]}}},
+        "estimators: name 'bound': reserved",
+    ),
+    "transducer on a hinge": (
+        {"sensors": {"lmt": {"preset": "lmt_millay", "mount": "radar", "joint": "hitch_yaw"}}},
+        "sensors.lmt: joint 'hitch_yaw' is no slide (there are none)",
+    ),
+    "implement of a machine without one": (
+        {"implement": {"kind": "levelling"}},
+        "has no implement",
+    ),
     "seeding without a spacing": ({"seeding": {"drop_delay_s": 0.1}}, "seeding.spacing_m: missing"),
     "seeds no further apart than they are wide": ({"seeding": {"spacing_m": 0.0}}, "seeding.spacing_m: given 0.0"),
     "more skips and doubles than cells": (

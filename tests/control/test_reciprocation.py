@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.control import ReciprocationConfig, build_driver
-from twin.signals import HEIGHT, FloatArray, Knowledge, Said
+from twin.signals import HEIGHT, STROKE, FloatArray, Knowledge, Said
 
 _STEP_S = 0.02
 
@@ -19,7 +19,7 @@ def _moved(seed: int, seconds: float = 600.0, **keys: float) -> tuple[FloatArray
     height, heights, speeds = 0.0, [], []
     for step in range(round(seconds / _STEP_S)):
         t_ns = round(step * _STEP_S * 1e9)
-        seen = Said(t_ns=t_ns, values={HEIGHT: height})
+        seen = Said(t_ns=t_ns, values={HEIGHT: height + 1.0, STROKE: height})
         speed = driver.command(Knowledge(t_ns=t_ns, implement=seen), _STEP_S).lift_m_s
         heights.append(height)
         speeds.append(speed)
@@ -59,6 +59,18 @@ def test_turning_points_are_spread_over_the_travel() -> None:
     assert abs(np.mean(turns)) < 0.02
     with pytest.raises(ValueError, match="reach_m"):
         ReciprocationConfig(kind="reciprocation", reach_m=0.25)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"shortest_m": 0.15, "reach_m": 0.1}, "shortest_m = 0.15 is more than reach_m = 0.1"),
+        ({"slowest_m_s": 0.3, "fastest_m_s": 0.2}, "slowest_m_s = 0.3 is more than fastest_m_s = 0.2"),
+    ],
+)
+def test_strokes_that_cannot_be_are_refused(keys: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ReciprocationConfig(kind="reciprocation", **keys)
 
 
 def test_no_stroke_is_a_blow() -> None:

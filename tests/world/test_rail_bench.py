@@ -8,6 +8,7 @@ import pytest
 
 from tests.world.conftest import WorldMaker, column
 from twin.signals import HEIGHT, Command
+from twin.world.body import PhysicsBody
 from twin.world.rail_bench import MIDDLE_M, TRAVEL_M, RailBenchConfig
 
 
@@ -48,3 +49,13 @@ def test_instruments_ride_on_the_plate() -> None:
     config = RailBenchConfig(kind="rail_bench")
     assert {mount.body for mount in config.resolved_mounts.values()} == {"plate"}
     assert config.reference_start == (0.0, 0.0, 0.0)
+
+
+def test_the_copy_whose_bare_steps_are_timed_is_a_bench_too(
+    make_world: WorldMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = make_world(kind="rail_bench")
+    fixed: list[bool] = []
+    monkeypatch.setattr(PhysicsBody, "float_freely", lambda body: fixed.append(body._fixed))
+    assert world.bare_step_us(5) > 0.0
+    assert fixed == [True]

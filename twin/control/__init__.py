@@ -22,6 +22,7 @@ from twin.signals import Command, Knowledge
 
 __all__ = [
     "CONTROL_HZ",
+    "DEFAULT_DRIVER",
     "AnyDriverConfig",
     "Driver",
     "DriverConfigUnion",
@@ -40,6 +41,8 @@ __all__ = [
 
 CONTROL_HZ = 50.0
 """How often a driver is asked."""
+DEFAULT_DRIVER = "path"
+"""Kind of a driver whose section names none."""
 
 
 class Driver(Protocol):
@@ -72,7 +75,7 @@ AnyDriverConfig = (
 
 def _kind(value: Any) -> Any:
     """Kind of a driver's section; one that names none follows a path."""
-    return value.get("kind", "path") if isinstance(value, dict) else getattr(value, "kind", None)
+    return value.get("kind", DEFAULT_DRIVER) if isinstance(value, dict) else getattr(value, "kind", None)
 
 
 DriverConfigUnion = Annotated[

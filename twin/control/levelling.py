@@ -29,7 +29,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from twin.config import Config, NonNegative, Positive
-from twin.signals import HEIGHT, LOAD_SHARE, VELOCITY, Command, Knowledge, Listening, Said, sigma_column
+from twin.signals import HEIGHT, VELOCITY, Command, Knowledge, Listening, Said, sigma_column
 
 TRUTH = "truth"
 _UP_M_S = 1.0
@@ -63,7 +63,7 @@ class LevellingControlConfig(Config):
     ease_m: NonNegative = 0.05
     """By so much when it is full."""
     raise_when_sigma_m: Positive | None = None
-    """Lift the blade as long as the estimator's sigma of the height is larger; without it never."""
+    """Lift the blade as long as the estimator's sigma of the height is larger, or it tells none; without it never."""
 
     @property
     def listens(self) -> Listening:
@@ -73,7 +73,8 @@ class LevellingControlConfig(Config):
     @property
     def needed_columns(self) -> dict[str, tuple[str, ...]]:
         """Columns that are needed of the estimator."""
-        return {} if self.follows == TRUTH else {self.follows: (HEIGHT,)}
+        sigma = () if self.raise_when_sigma_m is None else (sigma_column(HEIGHT),)
+        return {} if self.follows == TRUTH else {self.follows: (HEIGHT, *sigma)}
 
 
 class LevellingControl:
@@ -109,16 +110,15 @@ class LevellingControl:
 
     def _eased_m(self, knowledge: Knowledge) -> float:
         """By how much a full blade is let up."""
-        seen = {} if knowledge.implement is None else knowledge.implement.values
         start = self._config.ease_from_share
-        return self._config.ease_m * min(max((seen.get(LOAD_SHARE, 0.0) - start) / (1.0 - start), 0.0), 1.0)
+        return self._config.ease_m * min(max((knowledge.load_share - start) / (1.0 - start), 0.0), 1.0)
 
     def _lost(self, said: Said) -> bool:
-        """Whether the estimator has lost the height and says so, with some hysteresis."""
+        """Whether the estimator has lost the height and says so, with some hysteresis; the truth is never lost."""
         limit_m = self._config.raise_when_sigma_m
-        if limit_m is None:
+        if limit_m is None or self._config.follows == TRUTH:
             return False
-        sigma_m = said.values.get(sigma_column(HEIGHT), 0.0)
+        sigma_m = said.values[sigma_column(HEIGHT)]
         self._trusts = sigma_m <= (limit_m if self._trusts else _TRUST_AGAIN * limit_m)
         return not self._trusts
 

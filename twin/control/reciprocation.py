@@ -12,14 +12,14 @@ d over its duration, u in [0, 1]. Its greatest speed v is 15/8 of the mean one, 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from twin.config import Config, NonNegative, Probability
 from twin.geometry import Path
 from twin.randomness import world_generator
-from twin.signals import HEIGHT, NS_PER_S, Command, Knowledge, Listening
+from twin.signals import NS_PER_S, STROKE, Command, Knowledge, Listening
 
 _STANDING, _MOVING = 0, 1
 _PEAK_TO_MEAN = 15.0 / 8.0
@@ -49,6 +49,17 @@ class ReciprocationConfig(Config):
     """Of resting after a stroke."""
     longest_rest_s: NonNegative = 1.0
     """Rests are drawn evenly up to this."""
+
+    @model_validator(mode="after")
+    def _strokes_exist(self) -> Self:
+        if self.shortest_m > self.reach_m:
+            raise ValueError(
+                f"shortest_m = {self.shortest_m:g} is more than reach_m = {self.reach_m:g}: from the middle of the"
+                " travel no stroke would be long enough"
+            )
+        if self.slowest_m_s > self.fastest_m_s:
+            raise ValueError(f"slowest_m_s = {self.slowest_m_s:g} is more than fastest_m_s = {self.fastest_m_s:g}")
+        return self
 
     @property
     def listens(self) -> Listening:
@@ -89,7 +100,7 @@ class Reciprocation:
         length = self._to_m - self._from_m
         wanted_m = self._from_m + length * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         speed = length / self._lasts_s * 30.0 * u**2 * (1.0 - u) ** 2 if self._lasts_s > 0.0 else 0.0
-        return Command(lift_m_s=speed + _HAND_1_S * (wanted_m - knowledge.seen_of_implement.values[HEIGHT]))
+        return Command(lift_m_s=speed + _HAND_1_S * (wanted_m - knowledge.seen_of_implement.values[STROKE]))
 
     def _draw_stroke(self) -> None:
         config, begins_s = self._config, self._begins_s + self._lasts_s

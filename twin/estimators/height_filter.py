@@ -31,11 +31,10 @@ from twin.estimators.height_filter_model import B0, B1, C, Layout, SlowError, Sp
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_samples import AccelerationHistory
 from twin.estimators.height_filter_tilt import LevelFilter
-from twin.estimators.roles import GNSS
+from twin.estimators.held_height import AHRS, the_sensors
+from twin.estimators.roles import GNSS, mount_arm
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import HEIGHT, NS_PER_S, VELOCITY, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
-
-AHRS = "ahrs"
 
 _PATIENCE_NS = 150_000_000
 """A receiver's sample waits so long for the acceleration of its time."""
@@ -87,8 +86,8 @@ class HeightFilter:
     held); normalised innovations squared of fix and vertical speed.
 
     Raises:
-        BadInputError: not one AHRS and one receiver on the body of the reference point, a column is missing, or the
-            filterpy engine was asked for more than one run.
+        BadInputError: not one AHRS and one receiver, both on the body of the reference point, a column is missing, or
+            the filterpy engine was asked for more than one run.
     """
 
     state_columns: tuple[str, ...] = (HEIGHT, VELOCITY[2])
@@ -99,7 +98,7 @@ class HeightFilter:
                 f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs};"
                 " allowed: auto, ensemble"
             )
-        ahrs, gnss = _the_one(setup, AHRS), _the_one(setup, GNSS)
+        ahrs, gnss = _the_sensors(setup)
         runs = setup.runs
         self._runs, self._config = runs, config
         self._receiver = HeightReceiver(gnss, setup, vertical_speed=config.vertical_speed)
@@ -285,14 +284,12 @@ class HeightFilter:
         return hh + np.square(slope), vv + np.square(slope / self._history.step_s) * change
 
 
-def _the_one(setup: EstimatorSetup, kind: str) -> SensorInfo:
-    found = [info for info in setup.sensors.values() if info.kind == kind and info.mount.body == setup.reference.body]
-    if len(found) != 1:
-        raise BadInputError(
-            f"[estimators.{setup.name}] sensors: this estimator needs one sensor of kind {kind!r} on "
-            f"{setup.reference.body!r}, but there are {len(found)}"
-        )
-    return found[0]
+def _the_sensors(setup: EstimatorSetup) -> tuple[SensorInfo, SensorInfo]:
+    """The AHRS and the receiver, both on the reference frame's body."""
+    infos = the_sensors(setup, (AHRS, GNSS), estimator="height_filter")
+    for info in infos.values():
+        mount_arm(info, setup)
+    return infos[AHRS], infos[GNSS]
 
 
 def _motion(config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiver, *, runs: int) -> SpanMotion:

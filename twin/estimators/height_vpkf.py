@@ -89,6 +89,7 @@ class HeightVpkfConfig(HeightConfig):
     engine: Literal["auto", "filterpy", "ensemble"] = "auto"
     """Kalman engine; auto: filterpy for a single run."""
     preparation: HeightPreparationConfig = HeightPreparationConfig()
+    """What is done to the free acceleration first."""
 
 
 class VerticalMotion:

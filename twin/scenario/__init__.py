@@ -14,9 +14,19 @@ from twin.scenario.files import (
     read_toml,
     resolve,
 )
-from twin.scenario.model import Check, LossConfig, RecordingConfig, Scenario, ScoringConfig, WorldConfig, unknown
+from twin.scenario.model import (
+    RESERVED,
+    Check,
+    LossConfig,
+    RecordingConfig,
+    Scenario,
+    ScoringConfig,
+    WorldConfig,
+    unknown,
+)
 
 __all__ = [
+    "RESERVED",
     "Check",
     "LoadedScenario",
     "LossConfig",

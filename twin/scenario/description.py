@@ -10,8 +10,8 @@ from twin.validation import models_of
 
 
 def kinds() -> dict[str, list[str]]:
-    """Which kinds of terrain, machine, driver, sensor and estimator there are."""
-    sections = ("terrain", "machine", "driver", "sensors", "estimators")
+    """Which kinds of terrain, machine, driver, implement, sensor and estimator there are."""
+    sections = ("terrain", "machine", "driver", "implement", "sensors", "estimators")
     return {
         section: [
             get_args(model.model_fields["kind"].annotation)[0]

@@ -2,8 +2,9 @@
 
 A file is read in this order: the file named by ``extends`` (in the same folder; a name that begins with ``_`` is a
 file that is no scenario of its own), the file itself on top of it, the caller's ``--set`` values, and then each
-sensor's preset below what the file says of that sensor. Tables are merged key by key; an array (``path``, ``checks``)
-replaces the inherited one, except that ``[[extra_checks]]`` are put behind the inherited checks.
+sensor's preset below what the file says of that sensor. Tables are merged key by key; a table of another ``kind``
+replaces the inherited one, whose keys belong to the kind it had; an array (``path``, ``checks``) replaces the inherited
+one, except that ``[[extra_checks]]`` are put behind the inherited checks.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from twin import paths
+from twin.control import DEFAULT_DRIVER
 from twin.errors import BadInputError
 from twin.scenario.model import Scenario, unknown
 from twin.sensors.presets import load_preset
@@ -108,7 +110,9 @@ def read_toml(path: Path) -> Table:
 
 
 def merge(base: Table, changes: Table) -> Table:
-    """Lay ``changes`` over ``base``: tables are merged key by key, everything else is replaced."""
+    """Lay ``changes`` over ``base``: tables of one kind are merged key by key, everything else is replaced."""
+    if "kind" in base and changes.get("kind", base["kind"]) != base["kind"]:
+        return changes
     merged = dict(base)
     for key, value in changes.items():
         below = merged.get(key)
@@ -120,7 +124,7 @@ def _read_extended(path: Path, depth: int = 0) -> Table:
     table = read_toml(path)
     parent = table.pop("extends", None)
     if parent is None:
-        return _with_extra_checks(table, path)
+        return _with_extra_checks(_with_drivers_kind(table), path)
     if not isinstance(parent, str):
         raise BadInputError(f"{path}: extends: given {parent!r}, expected the name of a scenario in the same folder")
     if depth >= _DEEPEST_EXTENDS:
@@ -129,6 +133,12 @@ def _read_extended(path: Path, depth: int = 0) -> Table:
     if not parent_path.is_file():
         raise BadInputError(f"{path}: extends: there is no {parent_path.name} beside it")
     return _with_extra_checks(merge(_read_extended(parent_path, depth + 1), table), path)
+
+
+def _with_drivers_kind(table: Table) -> Table:
+    """Say of what kind a driver is that does not say so itself, for files that change it."""
+    driver = table.get("driver")
+    return {**table, "driver": {"kind": DEFAULT_DRIVER, **driver}} if isinstance(driver, dict) else table
 
 
 def _with_extra_checks(table: Table, path: Path) -> Table:

@@ -31,6 +31,8 @@ from twin.world import (
 )
 from twin.world.terrain import FileTerrain
 
+RESERVED = ("truth", "bound", "bus")
+"""First words of metrics that belong to no estimator."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _LARGEST_RECORDING_BYTES = 4e9
 _TIGHTEST_STEERED_M = 1.0
@@ -100,6 +102,12 @@ class LossConfig(Config):
     """Begin of the loss."""
     to_s: Positive
     """End of the loss."""
+
+    @model_validator(mode="after")
+    def _forwards(self) -> Self:
+        if self.from_s >= self.to_s:
+            raise ValueError(f"from_s = {self.from_s:g} is not before to_s = {self.to_s:g}")
+        return self
 
 
 class ScoringConfig(Config):
@@ -208,20 +216,36 @@ class Scenario(Config):
                 raise ValueError(f"name {name!r}: expected letters, digits and '_' (and not 'truth')")
         return value
 
+    @field_validator("estimators")
+    @classmethod
+    def _names_of_their_own(cls, value: dict[str, Any]) -> dict[str, Any]:
+        for name in value:
+            if name in RESERVED:
+                raise ValueError(f"name {name!r}: reserved, as {', '.join(RESERVED)} are, for metrics of no estimator")
+        return value
+
     @model_validator(mode="after")
     def _names_exist(self) -> Self:
         for name, sensor in self.sensors.items():
             if sensor.mount not in self.machine.mounts:
                 raise ValueError(f"sensors.{name}.mount: {unknown(sensor.mount, self.machine.mounts, 'mount')}")
             need = sensor.need(self.machine.mounts[sensor.mount].mount())
-            for joint in need.joints if isinstance(need, JointNeed) else ():
-                if joint not in self.machine.joint_names:
-                    raise ValueError(f"sensors.{name}: {unknown(joint, self.machine.joint_names, 'joint')}")
+            if isinstance(need, JointNeed):
+                self._require_joints(need, f"sensors.{name}")
         for name, estimator in self.estimators.items():
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
         return self
+
+    def _require_joints(self, need: JointNeed, key: str) -> None:
+        joints, wanted = self.machine.joints, "slide" if need.slides else "hinge"
+        for joint in need.joints:
+            if joint not in joints:
+                raise ValueError(f"{key}: {unknown(joint, joints, 'joint')}")
+            if joints[joint] != need.slides:
+                fitting = ", ".join(name for name, slides in joints.items() if slides == need.slides) or "none"
+                raise ValueError(f"{key}: joint {joint!r} is no {wanted} (there are {fitting})")
 
     @model_validator(mode="after")
     def _scored_and_drawn_exist(self) -> Self:
@@ -235,25 +259,35 @@ class Scenario(Config):
         receivers = [name for name, sensor in self.sensors.items() if sensor.kind == "gnss"]
         if self.scoring.fixes_of is not None and self.scoring.fixes_of not in receivers:
             raise ValueError(f"scoring.fixes_of: {unknown(self.scoring.fixes_of, receivers, 'GNSS receiver')}")
+        loss = self.scoring.loss
+        if loss is not None and loss.from_s >= self.duration_s:
+            raise ValueError(f"scoring.loss.from_s = {loss.from_s:g}: the run ends at {self.duration_s:g} s")
         return self
 
     @model_validator(mode="after")
     def _controllers_hear(self) -> Self:
         for section, controller in self.controllers.items():
-            heard: dict[str, tuple[Mapping[str, Any], tuple[str, ...]]] = {
-                "estimator": (self.estimators, controller.listens.estimators),
-                "sensor": (self.sensors, controller.listens.sensors),
-            }
-            for what, (known, names) in heard.items():
-                for key, name in controller.model_dump(include={"follows", "odometer", "camera"}).items():
-                    if name in names and name not in known:
-                        raise ValueError(f"{section}.{key}: {unknown(name, known, what)}")
+            listens, keys = controller.listens, {value: key for key, value in controller if isinstance(value, str)}
+            heard: tuple[tuple[str, Mapping[str, Any], tuple[str, ...]], ...] = (
+                ("estimator", self.estimators, listens.estimators),
+                ("sensor", self.sensors, listens.sensors),
+            )
+            for what, known, names in heard:
+                for name in names:
+                    if name not in known:
+                        key = f"{section}.{keys[name]}" if name in keys else section
+                        raise ValueError(f"{key}: {unknown(name, known, what)}")
         return self
 
     @property
     def controllers(self) -> dict[str, DriverConfigUnion | ImplementConfigUnion]:
         """Who commands the machine, by the name of the section."""
         return {"driver": self.driver} | ({} if self.implement is None else {"implement": self.implement})
+
+    @property
+    def loop_closers(self) -> list[str]:
+        """Those of :attr:`controllers` that go by what is measured."""
+        return [section for section, controller in self.controllers.items() if controller.listens.closes_loop]
 
     @property
     def listens(self) -> Listening:
@@ -268,8 +302,10 @@ class Scenario(Config):
                 raise ValueError(f"{key}: machine {self.machine.kind} has no rows")
         if self.scoring.smallest_ramp_m_s is not None and not isinstance(self.driver, PathDriverConfig):
             raise ValueError("scoring.smallest_ramp_m_s: only the speed of a driver of kind 'path' is known beforehand")
-        if self.implement is not None and not self.machine.lifts:
+        if self.implement is not None and self.machine.lift is None:
             raise ValueError(f"implement: a {self.machine.kind} has no implement that could be lifted")
+        if self.implement is not None and self.machine.fixed:
+            raise ValueError(f"implement: the hand that is the driver of a {self.machine.kind} moves it")
         return self
 
     @model_validator(mode="after")

@@ -41,10 +41,12 @@ class AhrsConfig(SensorConfig):
     attitude_correlation_s: Positive = 20.0
     """Its 1/e time."""
     heading_sigma_rad: NonNegative = 0.0
+    """Error of the heading."""
     heading_correlation_s: Positive = 60.0
-    """The same of the heading."""
+    """Its 1/e time."""
 
     accel_noise_density_m_s2_rthz: NonNegative = 0.0
+    """White noise of each axis."""
     accel_bias_m_s2: NonNegative = 0.0
     """Zero offset, drawn once per axis."""
     accel_fixed_bias_m_s2: Vector3 | None = None
@@ -52,6 +54,7 @@ class AhrsConfig(SensorConfig):
     accel_bias_instability_m_s2: NonNegative = 0.0
     """The offset's Gauss-Markov part."""
     accel_bias_correlation_s: Positive = 100.0
+    """Its 1/e time."""
     accel_trend_m_s3: NonNegative = 0.0
     """Steady growth of the offset of each axis from the start, its rate drawn once."""
 

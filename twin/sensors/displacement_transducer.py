@@ -46,7 +46,7 @@ class DisplacementTransducerConfig(SensorConfig):
 
     def need(self, mount: Mount) -> Need:
         """The stroke of the joint."""
-        return JointNeed(mount=mount, joints=(self.joint,))
+        return JointNeed(mount=mount, joints=(self.joint,), slides=True)
 
     @property
     def lowest_m(self) -> float:

@@ -2,7 +2,8 @@
 
 Where the world does not depend on the members it is simulated once, its tape is played to the block on the ensemble
 axis, and what the members estimate is scored in pieces and thrown away, so memory does not grow with the members.
-Where a driver listens to its sensors every member drives its own way, in a world of its own, one after the other.
+Where driver or implement goes by what is measured every member moves its own way, in a world of its own, one after the
+other.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from twin.geometry import rotation_from_rpy
 from twin.signals import FloatArray, IntArray
 from twin.world import tyres
-from twin.world.machine import MachineModel
+from twin.world.machine import KNEE_M_S, MachineModel
 from twin.world.soil import Soil
 from twin.world.statics import spring_preloads, static_loads
 from twin.world.urdf import Urdf
@@ -34,6 +34,8 @@ class Assembly:
     """(S, 4): joint, stiffness, damping, preload."""
     tools: FloatArray
     """(D, 6): link, x, y, z, force, knee speed of each soil-engaging point."""
+    blade_tool: int | None
+    """Row of ``tools`` whose force is what the blade feels from moment to moment; None without a blade."""
     static_sinkage_m: float
     """How far the tyres are pressed in as the machine stands, on average; zero without wheels."""
 
@@ -62,6 +64,9 @@ def assemble(urdf: Urdf, machine: MachineModel, soil: Soil, *, servos: Sequence[
         for tool in machine.draughts
         for y in tool.y_m
     ]
+    blade_tool = None if machine.blade is None else len(tools)
+    if machine.blade is not None:
+        tools.append((urdf.link_index(machine.blade.body), *machine.blade.middle_m, 0.0, KNEE_M_S))
     parameters = np.array(wheels).reshape(-1, tyres.WHEEL_PARAMETERS)
     return Assembly(
         parents=np.array(urdf.parent_indices(), dtype=np.int64),
@@ -73,6 +78,7 @@ def assemble(urdf: Urdf, machine: MachineModel, soil: Soil, *, servos: Sequence[
         wheels=parameters,
         springs=np.array(springs).reshape(-1, 4),
         tools=np.array(tools).reshape(-1, 6),
+        blade_tool=blade_tool,
         static_sinkage_m=float(np.mean(loads / parameters[:, tyres.STIFFNESS])) if names else 0.0,
     )
 

@@ -26,6 +26,8 @@ from twin.world.urdf import Urdf, read_urdf
 
 STEERING = "steering_rad"
 DRIVE_TORQUE = "drive_torque_n_m"
+KNEE_M_S = 0.05
+"""Speed at which draught has come to 0.7 of its force."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +70,7 @@ class Draught:
     y_m: tuple[float, ...]
     force_n: float
     """Of all tools together, at speeds well above ``knee_m_s``."""
-    knee_m_s: float = 0.05
+    knee_m_s: float = KNEE_M_S
     """The force is force v / sqrt(v^2 + knee^2): smooth through standstill, where soil does not push."""
 
 
@@ -127,9 +129,9 @@ class MachineModel:
     servo_limit: float = 50_000.0
     """Moment (N m) or force (N) with which each servo can hold its joint."""
     fixed: bool = False
-    """The root stands on the ground and does not move: a test bench."""
-    lifts: bool = False
-    """The reference frame is an implement that a slide raises and lowers, and its height counts."""
+    """As :attr:`MachineBaseConfig.fixed`."""
+    lift: str | None = None
+    """As :attr:`MachineBaseConfig.lift`."""
     blade: BladeSpec | None = None
     """With which it moves soil."""
 
@@ -188,9 +190,9 @@ class MachineBaseConfig(Config):
     turns_on_the_spot: ClassVar[bool] = False
     """Whether a driver can ask for a spin."""
     fixed: ClassVar[bool] = False
-    """Whether it is a bench, whose root does not move."""
-    lifts: ClassVar[bool] = False
-    """Whether the reference frame is an implement that a slide raises and lowers."""
+    """Whether it is a bench, whose root stands on the ground and does not move."""
+    lift: ClassVar[str | None] = None
+    """Slide that raises and lowers the reference frame, an implement whose height counts; None where there is none."""
 
     mounts: dict[str, MountConfig] = Field(default_factory=dict)
     """Mounts to add to the machine's own, or to put in their place."""
@@ -227,9 +229,9 @@ class MachineBaseConfig(Config):
         raise NotImplementedError
 
     @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Joints of the machine."""
-        return tuple(joint.name for joint in read_urdf(self.asset).joints)
+    def joints(self) -> dict[str, bool]:
+        """Joints of the machine, and whether each is a slide."""
+        return {joint.name: joint.slides for joint in read_urdf(self.asset).joints}
 
     @property
     def resolved_mounts(self) -> dict[str, Mount]:

@@ -67,7 +67,7 @@ class RailBenchConfig(MachineBaseConfig):
         "plate": MountConfig(body="plate", xyz_m=(0.0, -0.08, -0.06)),
     }
     fixed: ClassVar = True
-    lifts: ClassVar = True
+    lift: ClassVar = "plate"
 
     kind: Literal["rail_bench"]
 
@@ -92,6 +92,6 @@ class RailBenchConfig(MachineBaseConfig):
             start=self.vehicle_start,
             outline_m=self.outline_m,
             drive=HandDrive,
-            fixed=True,
-            lifts=True,
+            fixed=self.fixed,
+            lift=self.lift,
         )

@@ -21,10 +21,10 @@ from twin.signals import (
     CLEARANCE,
     HEADING,
     HEIGHT,
-    LOAD_SHARE,
     NS_PER_S,
     POSITION,
     SPEED,
+    STROKE,
     VELOCITY,
     YAW_RATE,
     Capture,
@@ -142,6 +142,7 @@ class World:
         self._rolling_resistance = soil.rolling_resistance
         self._deflections = np.zeros((len(machine.wheels), 2))
         self._results = np.zeros((len(machine.wheels), tyres.WHEEL_RESULTS))
+        self._lift_joint = None if machine.lift is None else urdf.joint_index(machine.lift)
         self._reference_body = urdf.link_index(machine.reference.body)
         self._reference = mount_row(machine.reference)
         self._rows = np.array(machine.rows_y_m)
@@ -174,7 +175,7 @@ class World:
         vehicle = ("vehicle_e_m", "vehicle_n_m", "vehicle_heading_rad", "vehicle_speed_m_s")
         wheels = tuple(f"{wheel.joint}.{name}" for wheel in self.machine.wheels for name, _ in _WHEEL_COLUMNS)
         near = (CLEARANCE,) if len(self.trunks) else ()
-        height = (HEIGHT,) if self.machine.lifts else ()
+        height = (HEIGHT,) if self.machine.lift is not None else ()
         soil = (BLADE_COLUMNS if self._blade is not None else ()) + (SURVEY_COLUMNS if self._survey is not None else ())
         return head + per_row + drawing + joints + vehicle + self._drive.columns + wheels + near + height + soil
 
@@ -261,7 +262,7 @@ class World:
         blade = self._blade
         assert blade is not None
         blade.step(self._links[self._blade_link])
-        self._parts.tools[-1, dynamics.TOOL_FORCE] = blade.draught_n
+        self._parts.tools[self._parts.blade_tool, dynamics.TOOL_FORCE] = blade.draught_n
 
     def drain_ground(self) -> tuple[IntArray, FloatArray]:
         """Cells of the terrain whose height changed since the last call (flat indices) and their heights, (n,) each."""
@@ -304,13 +305,18 @@ class World:
         )
 
     def implement(self) -> Said:
-        """Height of the reference frame above the design plane, and its vertical speed, as they are now."""
+        """Height of the reference frame above the design plane, its vertical speed, and the stroke of its slide."""
         dynamics.reference_truth(self._links, self._reference_body, self._reference, self._rows, self._truth_head)
         head = self._truth_head
         values = {HEIGHT: float(head[2]) - self.design_height_m, VELOCITY[2]: float(head[5])}
-        if self._blade is not None:
-            values[LOAD_SHARE] = self._blade.load_m3 / self._blade.spec.capacity_m3
+        if self._lift_joint is not None:
+            values[STROKE] = float(self._state[dynamics.JOINTS + self._lift_joint])
         return Said(t_ns=self.tick * self.dt_ns, values=values)
+
+    @property
+    def load_share(self) -> float:
+        """How full the blade is now: the soil it carries over the most that it holds; zero where there is none."""
+        return 0.0 if self._blade is None else self._blade.load_m3 / self._blade.spec.capacity_m3
 
     def truth(self) -> FloatArray:
         """Values of ``truth_columns`` at the current tick, shape (n,)."""
@@ -327,7 +333,7 @@ class World:
                 self._drive.diagnostics(),
                 self._results[:, [index for _, index in _WHEEL_COLUMNS]].ravel(),
                 [self._clearance(vehicle)] if len(self.trunks) else [],
-                [self._truth_head[2] - self.design_height_m] if self.machine.lifts else [],
+                [self._truth_head[2] - self.design_height_m] if self.machine.lift is not None else [],
                 () if self._blade is None else self._blade.truth(),
                 () if self._survey is None else self._survey.truth(self.tick * self.dt_ns),
             ]
@@ -356,7 +362,7 @@ class World:
         A second client holds a copy of the machine as it stands, its joints held by the same motors, without our
         forces and without gravity.
         """
-        copy = PhysicsBody(self.machine.urdf, self._dt_s)
+        copy = PhysicsBody(self.machine.urdf, self._dt_s, fixed=self.machine.fixed)
         try:
             copy.hold(self._actuation.servo_rad_s, self._limits.tolist())
             copy.float_freely()

@@ -39,6 +39,11 @@ class TractorSpec:
     acceleration_m_s2: float = 1.0
     """Largest change of the speed set-point, both ways."""
     torque_lag_s: float = 0.15
+    governor_1_s: float = 3.0
+    """Bandwidth of the speed loop: force per speed error, over the mass. A load F slows the machine by at most about
+    F / (mass * bandwidth) before the integral takes it."""
+    integral_s: float = 1.5
+    """Time in which the integral takes over what a steady error asks for."""
     steering_lag_s: float = 0.15
     steering_rate_rad_s: float = 0.4
     largest_steering_rad: float = math.radians(40.0)
@@ -55,9 +60,6 @@ class TractorSpec:
     """Force that goes to the slower axle per difference of the speeds at which the axles' wheels roll."""
 
 
-_GOVERNOR_1_S = 3.0
-"""Bandwidth of the speed loop."""
-_INTEGRAL_S = 1.5
 _SERVO_1_S = 25.0
 
 
@@ -102,11 +104,11 @@ class TractorDrive:
         change = min(max(wanted_m_s - self._setpoint_m_s, -limit), limit)
         self._setpoint_m_s += change
         error = self._setpoint_m_s - wheel_rad_s * spec.rolling_radius_m
-        gain = _GOVERNOR_1_S * spec.total_mass_kg
+        gain = spec.governor_1_s * spec.total_mass_kg
         asked = gain * error + self._integral_n + spec.total_mass_kg * change / dt_s
         bounded = min(max(asked, -spec.largest_force_n), spec.largest_force_n)
         if asked == bounded:
-            self._integral_n += gain / _INTEGRAL_S * error * dt_s
+            self._integral_n += gain / spec.integral_s * error * dt_s
         self._force_n += (bounded - self._force_n) * dt_s / (spec.torque_lag_s + dt_s)
         return self._force_n
 
