@@ -61,8 +61,8 @@ _SPEED_S = 0.5
 _ROUGH_M = 0.005
 """What tyres make of the same ground, 1 sigma, before it is learnt; a choice."""
 _LEAST_M = 0.0003
-_LEARNT = 40.0
-"""Of how many samples the noise is learnt."""
+_LEARNT, _GUESSED = 40.0, 4.0
+"""Of how many samples the noise is learnt, and how many the first guess counts for."""
 _LONGEST_GAP_NS = 350_000_000
 
 
@@ -84,6 +84,8 @@ class ProfileState:
     """(R,) when the aid is to be heard again: its windows do not overlap."""
     rough_m2: FloatArray
     """(R,) variance of the white noise of a rise."""
+    learnt: FloatArray
+    """(R,) of how many samples it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +141,8 @@ class ProfileAid:
         self._nodes = track(5, _LONGEST_GAP_NS)
         """Inertial speed and height; the blade's tilt, what is left of it, and for how long that lasts."""
         never, zero = np.full(runs, -(2**62), dtype=np.int64), np.zeros(runs)
-        self.state = ProfileState(0, zero, zero, np.full((2, runs), np.nan), never, never, np.full(runs, _ROUGH_M**2))
+        rough = np.full(runs, _ROUGH_M**2)
+        self.state = ProfileState(0, zero, zero, np.full((2, runs), np.nan), never, never, rough, zero)
 
     def hear(self, measurement: Measurement) -> None:
         """Take a sample of one of the three sensors."""
@@ -230,8 +233,9 @@ class ProfileAid:
         """Learn the noise from an innovation (R,) and its expected variance where fixes are used."""
         rough, square = self.state.rough_m2, np.square(rise.over_s)
         beyond = np.minimum(np.square(y), 9.0 * S) * square - (S * square - rough)
-        learnt = np.maximum(rough + (beyond - rough) / _LEARNT, _LEAST_M**2)
-        self.state = replace(self.state, rough_m2=np.where(rise.known & tracking, learnt, rough))
+        count = self.state.learnt + (rise.known & tracking)
+        learnt = np.maximum(rough + (beyond - rough) / np.minimum(count + _GUESSED, _LEARNT), _LEAST_M**2)
+        self.state = replace(self.state, rough_m2=np.where(rise.known & tracking, learnt, rough), learnt=count)
 
     @staticmethod
     def align(branch: Engine, rise: Rise, layout: Layout, members: BoolArray) -> None:
