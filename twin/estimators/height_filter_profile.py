@@ -19,7 +19,7 @@ to a filter without vertical speed, if e is a state: what is learnt of it with R
 But the filter learns its own AHRS's attitude error from the receiver's level velocity
 (:mod:`twin.estimators.height_filter_tilt`), all but a constant (the accelerometer's offset against gravity). On a
 straight slide both AHRS have one pitch but for a constant, so their difference tells e but for a constant, and
-constants are learnt with RTK in full. What is left is white: the tyres (2 mm in each tau on the field of DOMAIN class
+constants are learnt with RTK in full. What is left is white: the tyres (2 mm in each tau on a paddy bottom of
 645e-6 m3, so 2 mm times the square root of 28 or 60 taus: 11 mm and 15 mm), the tilt's rest (about 1 mrad for a second:
 another 1 mm in each), and the trim: how much deeper the rear wheels stand than the front ones. A trim that changes by
 0.5 mrad in a minute costs 15 mm in a minute.
@@ -31,7 +31,13 @@ of what was levelled when, a position good to a wheel's width, which is what is 
 a lane that was levelled by this machine, else its height is as unknown as before. With x = 15 mm it would pay after
 half a minute or so.
 
-White noise is learnt from what the aid's innovations are more than the filter expects while fixes are used.
+**Worth** on that field with paper 002's receiver, 28 s and 60 s after corrections stopped (fixes go on for 10 s), sigma
+and RMS error in mm of 100 members in 4 worlds: with everything 27 and 48 (26, 45); without vertical speed 30 and 55
+(29, 58); without this aid 41 and 86 (43, 87); without both 76 and 294 (67, 246); without tilt 40 and 78 (41, 85).
+
+White noise is learnt from what the aid's innovations are more than the filter expects while fixes are used. The
+receiver gives the speed, so the aid is silent in a total outage. A stroke beyond the transducer's range, as of a raised
+blade, is left to the gate.
 """
 
 from __future__ import annotations

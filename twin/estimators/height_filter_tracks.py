@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.signals import BoolArray, FloatArray, IntArray
+from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
 
 class Track:
@@ -49,11 +49,12 @@ class Track:
         times = self._times[self._first : self._count]
         after = np.clip(np.searchsorted(times, t_ns), 1, count - 1)
         begin, span = times[after - 1], times[after] - times[after - 1]
+        span_s: FloatArray = span / NS_PER_S
         known: BoolArray = (t_ns >= begin) & (span <= self._gap_ns) & (t_ns - times[after] <= self._gap_ns)
-        since_s = np.where(known, np.minimum(t_ns - begin, span) * 1e-9, np.nan)
+        since_s: FloatArray = np.where(known, np.minimum(t_ns - begin, span) / NS_PER_S, np.nan)
         place = after + self._first
         one, other = self._values[place - 1, :, self._members].T, self._values[place, :, self._members].T
-        return one, other, since_s, span * 1e-9
+        return one, other, since_s, span_s
 
     def linear(self, t_ns: IntArray) -> FloatArray:
         """(J, R) values at the times (R,), straight between samples; NaN where nothing is known."""
