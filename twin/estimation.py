@@ -163,6 +163,8 @@ def estimator_setup(
         start_e_n_heading=scenario.machine.reference_start,
         earth_field=scenario.magnetics.earth_field,
         design_height_m=scenario.levelling.design_height_m,
+        wheelbase_m=scenario.machine.wheelbase_m,
+        reference_x_m=scenario.machine.reference_x_m,
     )
 
 

@@ -326,6 +326,10 @@ class EstimatorSetup:
     """The undisturbed magnetic field where the machine works."""
     design_height_m: float = 0.0
     """Up coordinate of the level plane above which heights are told."""
+    wheelbase_m: float = 0.0
+    """Of the machine that carries it; zero where nothing steers."""
+    reference_x_m: float = 0.0
+    """How far before the middle of the rear axle the reference frame is, with every joint at zero."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,6 +28,7 @@ from twin.estimators.height_filter_branches import Branches, GatesConfig, Snapsh
 from twin.estimators.height_filter_kernels import spread
 from twin.estimators.height_filter_levers import Lever
 from twin.estimators.height_filter_model import B0, B1, C, Layout, SlowError, SpanMotion
+from twin.estimators.height_filter_profile import ALIGNMENT, TRIM, ProfileAid
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_samples import AccelerationHistory
 from twin.estimators.height_filter_tilt import LevelFilter
@@ -36,6 +37,11 @@ from twin.estimators.roles import GNSS, mount_arm
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import HEIGHT, NS_PER_S, VELOCITY, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
+<<<<<<< HEAD
+=======
+AHRS, TRANSDUCER = "ahrs", "displacement_transducer"
+
+>>>>>>> h6-aids
 _PATIENCE_NS = 150_000_000
 """A receiver's sample waits so long for the acceleration of its time."""
 _LONGEST_SPAN_NS = 250_000_000
@@ -69,6 +75,8 @@ class HeightFilterConfig(Config):
     """Reckon antenna and reference point from the AHRS by its attitude."""
     tilt: bool = True
     """Learn the AHRS's attitude error, which leaks into Up, from the receiver's level velocity."""
+    profile: bool = True
+    """Use the ground's profile, if there are an AHRS on the carrier and a transducer of the implement's stroke."""
     working_speed_m_s: Positive = 1.0
     """How fast the machine moves level, 1 sigma: all that is known of it while the receiver says nothing."""
     bias_walk_m_s2_rts: NonNegative = 0.0
@@ -108,7 +116,10 @@ class HeightFilter:
         antenna = Lever.between(ahrs, gnss.mount, setup) if config.lever_arm else nothing
         self._history_ns = round(config.history_s * NS_PER_S)
         kept_s = config.history_s + max(_LAGS * self._lag_s, 0.2) + 0.2
-        self._motion = _motion(config, ahrs, self._receiver, runs=runs)
+        carrier = _carrier(setup) if config.profile else None
+        pitch = None if carrier is None else _tilt(carrier[0])
+        self._motion = _motion(config, ahrs, self._receiver, pitch, runs=runs)
+        self._profile = None if carrier is None else ProfileAid(*carrier, ahrs, setup)
         self._attitude_sigma = ahrs.datasheet.get("attitude_sigma_rad", 0.0)
         self._history = AccelerationHistory(
             ahrs,
@@ -125,6 +136,7 @@ class HeightFilter:
             make_engine(name, *self._motion.start()),
             self._motion,
             level=self._level_filter(ahrs, name) if self._motion.layout.tilt is not None else None,
+            profile=self._profile,
             receiver=self._receiver,
             gates=config.gates,
         )
@@ -136,7 +148,9 @@ class HeightFilter:
         """Samples of the last moments; before each, the time up to which all was taken in, and what was known then."""
         self._reference_now: tuple[int, FloatArray, FloatArray] | None = None
         self._nis: dict[str, FloatArray] = {}
+        self._carried = frozenset(() if carrier is None else (info.name for info in carrier))
         nis = ("nis_fix", *(() if self._receiver.speed is None else ("nis_vertical_speed",)))
+        nis += () if self._profile is None else ("nis_profile",)
         self.columns: tuple[str, ...] = (*self.state_columns, "accel_bias_m_s2", "mode", *nis)
 
     def _level_filter(self, ahrs: SensorInfo, engine: EngineName) -> LevelFilter:
@@ -160,6 +174,8 @@ class HeightFilter:
     def process(self, measurement: Measurement) -> None:
         """Take one measurement, in order of arrival."""
         role = self._names.get(measurement.sensor)
+        if self._profile is not None and (role == AHRS or measurement.sensor in self._carried):
+            self._profile.hear(measurement)
         if role == AHRS:
             if self._history.hear(measurement):
                 self._follow_reference(measurement.t_ns)
@@ -240,7 +256,7 @@ class HeightFilter:
             rest = until_ns - self._now_ns
             step = rest if rest <= _LONGEST_SPAN_NS else _PART_NS
             sums = self._history.sums(self._now_ns, self._now_ns + step)
-            self.branches.advance(sums, step / NS_PER_S)
+            self.branches.advance(sums, step / NS_PER_S, self._now_ns + step)
             self._now_ns += step
 
     def _follow_reference(self, t_ns: int) -> None:
@@ -292,8 +308,25 @@ def _the_sensors(setup: EstimatorSetup) -> tuple[SensorInfo, SensorInfo]:
     return infos[AHRS], infos[GNSS]
 
 
-def _motion(config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiver, *, runs: int) -> SpanMotion:
-    """The model, with the errors of the data sheets."""
+def _carrier(setup: EstimatorSetup) -> tuple[SensorInfo, SensorInfo] | None:
+    """AHRS on the carrier and transducer of the stroke; None if there is neither."""
+    pitch = [each for each in setup.sensors.values() if each.kind == AHRS and each.mount.body != setup.reference.body]
+    stroke = [each for each in setup.sensors.values() if each.kind == TRANSDUCER]
+    if not pitch and not stroke:
+        return None
+    if len(pitch) != 1 or len(stroke) != 1:
+        raise BadInputError(
+            f"[estimators.{setup.name}] sensors: the ground's profile needs one {AHRS!r} on another body than "
+            f"{setup.reference.body!r} and one {TRANSDUCER!r}, but there are {len(pitch)} and {len(stroke)}; "
+            "leave out both, or set profile = false"
+        )
+    return pitch[0], stroke[0]
+
+
+def _motion(
+    config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiver, pitch: SlowError | None, *, runs: int
+) -> SpanMotion:
+    """The model, with the errors of the data sheets; ``pitch`` is that of the AHRS on the carrier."""
     sheet, fix, speed = ahrs.datasheet, receiver.fix, receiver.speed
     attitude = _tilt(ahrs)
     tilt = config.tilt and receiver.has_level_velocity and attitude.sigma > 0.0
@@ -303,6 +336,7 @@ def _motion(config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiv
         speed=speed is not None and speed.correlated_m_s > 0.0,
         leak=attitude.sigma > 0.0 and not tilt,
         tilt=tilt,
+        pitch=pitch is not None,
     )
     errors = {
         B1: SlowError(
@@ -321,6 +355,9 @@ def _motion(config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiv
     if layout.tilt is not None:
         for place in (layout.tilt, layout.tilt + 1):
             errors[place] = SlowError(sigma=1.0, correlation_s=_CONSTANT_S)
+    if layout.pitch is not None and pitch is not None:
+        states = (pitch, TRIM, ALIGNMENT) if tilt else (pitch, TRIM)
+        errors.update(enumerate(states, start=layout.pitch))
     offset = float(np.hypot(sheet.get("free_accel_bias_m_s2", _OFFSET_M_S2), leak))
     walk = float(np.hypot(config.bias_walk_m_s2_rts, sheet.get("free_accel_trend_m_s3", 0.0) * math.sqrt(_TREND_S)))
     return SpanMotion(layout, errors, offset_sigma=offset, offset_walk=walk, runs=runs)

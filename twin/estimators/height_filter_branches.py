@@ -39,6 +39,7 @@ from twin.estimators.height_filter_model import (
     V,
     renew_state,
 )
+from twin.estimators.height_filter_profile import ProfileAid, ProfileState
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_tilt import LevelFilter, LevelSnapshot
 from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
@@ -101,7 +102,7 @@ class Beliefs:
         return cls(never, never, no, no, never, never, np.full(runs, np.nan), never, never)
 
 
-Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, LevelSnapshot | None]
+Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, LevelSnapshot | None, ProfileState | None]
 
 
 class Branches:
@@ -114,10 +115,12 @@ class Branches:
         motion: SpanMotion,
         *,
         level: LevelFilter | None,
+        profile: ProfileAid | None = None,
         receiver: HeightReceiver,
         gates: GatesConfig,
     ) -> None:
         self.held, self.candidate, self.motion, self.level = held, candidate, motion, level
+        self.profile = profile
         self.beliefs = Beliefs.none(len(held.x))
         self.nis: dict[str, FloatArray] = {}
         """Normalised innovation squared (R,) of the last samples against the held branch, before gating."""
@@ -131,9 +134,11 @@ class Branches:
 
     # --- time --------------------------------------------------------------------------------------------------------
 
-    def advance(self, sums: FloatArray, span_s: float) -> None:
-        """Move on by a span with these integrals (9, R)."""
+    def advance(self, sums: FloatArray, span_s: float, t_ns: int = 0) -> None:
+        """Move on by a span with these integrals (13, R), to a time."""
         self.look(sums)
+        if self.profile is not None:
+            self.profile.advance(sums, span_s, t_ns)
         for branch, _ in self._both():
             branch.predict(self.motion, sums, span_s)
         if self.level is not None:
@@ -148,11 +153,14 @@ class Branches:
     def snapshot(self) -> Snapshot:
         """All that is known; nothing is copied, since nothing changes in place."""
         level = None if self.level is None else self.level.snapshot()
-        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs, level
+        profile = None if self.profile is None else self.profile.state
+        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs, level, profile
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to what was known."""
-        held_x, held_P, candidate_x, candidate_P, self.beliefs, level = snapshot
+        held_x, held_P, candidate_x, candidate_P, self.beliefs, level, profile = snapshot
+        if self.profile is not None and profile is not None:
+            self.profile.restore(profile)
         if self.level is not None and level is not None:
             self.level.restore(level)
         self.held.restore(held_x, held_P)
@@ -183,6 +191,8 @@ class Branches:
             self.level.hear(reading, behind_m_s, heading_rad)
         if self._receiver.speed is not None:
             self._hear_speed(reading, behind_m_s[2])
+        if self.profile is not None:
+            self._hear_profile(self.profile, reading)
         self._hear_coarse(reading, arm_m)
         if reading.fixed.any():
             self._hear_fix(reading, arm_m)
@@ -225,6 +235,22 @@ class Branches:
                 self.beliefs = replace(
                     beliefs, speed_ns=np.where(passed | anew | ~known, reading.t_ns, beliefs.speed_ns)
                 )
+
+    def _hear_profile(self, profile: ProfileAid, reading: FixReading) -> None:
+        layout = self.motion.layout
+        rise = profile.look(reading, None if self.level is None else self.level.lean())
+        if not rise.known.any():
+            return
+        observation = profile.observe(rise, layout)
+        tracking = reading.t_ns - self.beliefs.used_ns <= self._unbroken_ns
+        for branch, members in self._both():
+            profile.align(branch, rise, layout, members)
+            y, S = observation.innovation(branch.x, branch.P, rise.speed_m_s)
+            passed = rise.known & members & (np.square(y) <= self._gate * S)
+            branch.update(observation, rise.speed_m_s[:, np.newaxis], passed, observation.R)
+            if branch is self.held:
+                self.nis["profile"] = np.where(rise.known, np.square(y) / S, np.nan)
+                profile.learn(rise, y, S, tracking)
 
     def _hear_coarse(self, reading: FixReading, arm_m: FloatArray) -> None:
         place, beliefs, motion = self.motion.layout.coarse, self.beliefs, self.motion

@@ -60,17 +60,28 @@ class Layout:
     """b_2."""
     tilt: int | None
     """The level accelerometers' offsets, forwards and to the left."""
+    pitch: int | None
+    """The carrier's pitch error (rad), its trim, and, if there is a tilt, how the two AHRS are aligned."""
     size: int
 
     @classmethod
-    def of(cls, *, drift: bool, coarse: bool, speed: bool, leak: bool, tilt: bool) -> Layout:
+    def of(cls, *, drift: bool, coarse: bool, speed: bool, leak: bool, tilt: bool, pitch: bool = False) -> Layout:
         """Number the states that are wanted."""
         places: list[int | None] = []
         size = C + 1
-        for wanted, width in ((drift, 1), (coarse, 1), (speed, 1), (leak, 1), (tilt, 2)):
+        for wanted, width in ((drift, 1), (coarse, 1), (speed, 1), (leak, 1), (tilt, 2), (pitch, 3 if tilt else 2)):
             places.append(size if wanted else None)
             size += width if wanted else 0
-        return cls(drift=places[0], coarse=places[1], speed=places[2], leak=places[3], tilt=places[4], size=size)
+        drift_at, coarse_at, speed_at, leak_at, tilt_at, pitch_at = places
+        return cls(
+            drift=drift_at,
+            coarse=coarse_at,
+            speed=speed_at,
+            leak=leak_at,
+            tilt=tilt_at,
+            pitch=pitch_at,
+            size=size,
+        )
 
 
 class SpanMotion:

@@ -258,6 +258,12 @@ class MachineBaseConfig(Config):
         return self.start.east_m, self.start.north_m, math.radians(self.start.heading_deg)
 
     @property
+    def reference_x_m(self) -> float:
+        """How far before the root link's origin (the middle of the rear axle) the reference is, with joints at zero."""
+        position, rotation = read_urdf(self.asset).zero_pose(self.reference.body)
+        return float((position + rotation @ self.reference.xyz_m)[0])
+
+    @property
     def reference_start(self) -> tuple[float, float, float]:
         """Nominal start pose of the reference frame (what is drawn, straight behind): east m, north m, heading rad."""
         east, north, heading = self.vehicle_start
