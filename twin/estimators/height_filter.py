@@ -32,16 +32,12 @@ from twin.estimators.height_filter_profile import ALIGNMENT, TRIM, ProfileAid
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_samples import AccelerationHistory
 from twin.estimators.height_filter_tilt import LevelFilter
-from twin.estimators.held_height import AHRS, the_sensors
-from twin.estimators.roles import GNSS, mount_arm
+from twin.estimators.held_height import AHRS
+from twin.estimators.roles import GNSS
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.signals import HEIGHT, NS_PER_S, VELOCITY, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
-<<<<<<< HEAD
-=======
-AHRS, TRANSDUCER = "ahrs", "displacement_transducer"
-
->>>>>>> h6-aids
+TRANSDUCER = "displacement_transducer"
 _PATIENCE_NS = 150_000_000
 """A receiver's sample waits so long for the acceleration of its time."""
 _LONGEST_SPAN_NS = 250_000_000
@@ -106,7 +102,7 @@ class HeightFilter:
                 f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs};"
                 " allowed: auto, ensemble"
             )
-        ahrs, gnss = _the_sensors(setup)
+        ahrs, gnss = _the_one(setup, AHRS), _the_one(setup, GNSS)
         runs = setup.runs
         self._runs, self._config = runs, config
         self._receiver = HeightReceiver(gnss, setup, vertical_speed=config.vertical_speed)
@@ -300,12 +296,15 @@ class HeightFilter:
         return hh + np.square(slope), vv + np.square(slope / self._history.step_s) * change
 
 
-def _the_sensors(setup: EstimatorSetup) -> tuple[SensorInfo, SensorInfo]:
-    """The AHRS and the receiver, both on the reference frame's body."""
-    infos = the_sensors(setup, (AHRS, GNSS), estimator="height_filter")
-    for info in infos.values():
-        mount_arm(info, setup)
-    return infos[AHRS], infos[GNSS]
+def _the_one(setup: EstimatorSetup, kind: str) -> SensorInfo:
+    """The sensor of a kind on the reference frame's body."""
+    found = [info for info in setup.sensors.values() if info.kind == kind and info.mount.body == setup.reference.body]
+    if len(found) != 1:
+        raise BadInputError(
+            f"[estimators.{setup.name}] sensors: this estimator needs one sensor of kind {kind!r} on "
+            f"{setup.reference.body!r}, but there are {len(found)}"
+        )
+    return found[0]
 
 
 def _carrier(setup: EstimatorSetup) -> tuple[SensorInfo, SensorInfo] | None:
