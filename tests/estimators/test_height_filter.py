@@ -161,20 +161,20 @@ def test_it_needs_its_sensors() -> None:
     setup = EstimatorSetup(
         name="ours", runs=2, sensors={}, reference=here, rows_y_m=(), start_e_n_heading=(0.0, 0.0, 0.0)
     )
-    with pytest.raises(BadInputError, match="needs exactly one sensor of kind 'ahrs'"):
+    with pytest.raises(BadInputError, match="needs one sensor of kind 'ahrs' on 'plate'"):
         build_estimator(ours(), setup)
     info = SensorInfo(name="ahrs", kind="ahrs", columns=("roll_rad",), mount=here, rate_hz=50.0)
     lacking = EstimatorSetup(
         name="ours", runs=2, sensors={"ahrs": info}, reference=here, rows_y_m=(), start_e_n_heading=(0.0, 0.0, 0.0)
     )
-    with pytest.raises(BadInputError, match="needs exactly one sensor of kind 'gnss'"):
+    with pytest.raises(BadInputError, match="needs one sensor of kind 'gnss' on 'plate'"):
         build_estimator(ours(), lacking)
     chassis = replace(info, name="chassis", mount=Mount(body="rail", xyz_m=(0.0, 0.0, 0.0)))
     receiver = replace(info, name="gnss", kind="gnss")
-    both = replace(lacking, sensors={"ahrs": info, "chassis": chassis, "gnss": receiver})
-    with pytest.raises(BadInputError, match="needs exactly one sensor of kind 'ahrs'"):
+    both = replace(lacking, sensors={"ahrs": info, "beside": replace(info, name="beside"), "gnss": receiver})
+    with pytest.raises(BadInputError, match="on 'plate', but there are 2"):
         build_estimator(ours(), both)
-    with pytest.raises(BadInputError, match="'chassis' sits on 'rail'"):
+    with pytest.raises(BadInputError, match="on 'plate', but there are 0"):
         build_estimator(ours(), replace(lacking, sensors={"chassis": chassis, "gnss": receiver}))
     with pytest.raises(BadInputError, match="steps one run, not 2"):
         build_estimator(ours(engine="filterpy"), setup)
