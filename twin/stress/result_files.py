@@ -18,7 +18,9 @@ from twin.stress.result import StressResult
 def write_files(result: StressResult, folder: Path) -> None:
     """Write ``scenario.toml``, ``members.parquet`` (a row per member) and ``envelopes.parquet``."""
     (folder / "scenario.toml").write_text(result.loaded.toml)
-    pq.write_table(pa.concat_tables([_members_table(result, index) for index in range(len(result.points))]),
+    pq.write_table(pa.concat_tables(
+            [_members_table(result, index) for index in range(len(result.points))], promote_options="default"
+        ),
                    folder / "members.parquet")  # fmt: skip
     pq.write_table(
         pa.concat_tables(
@@ -43,6 +45,11 @@ def _members_table(result: StressResult, index: int) -> pa.Table:
     columns["run"] = np.tile(np.arange(runs), worlds)
     for name, values in point.table.items():
         columns[name] = values.ravel()
+    # What a machine did is a matter of the world at one point and of the member at another where a loop is closed.
+    of_members = {name for each in result.points for name in each.table}
+    for name, of_worlds in point.motion.items():
+        if name in of_members and name not in point.table:
+            columns[name] = np.repeat(of_worlds, runs)
     return pa.table(columns)
 
 
