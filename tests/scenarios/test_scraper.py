@@ -75,6 +75,7 @@ def test_what_losing_corrections_costs_a_field_and_what_a_better_filter_saves() 
         metrics = twin.score(recording).metrics
         flatness[followed] = metrics["truth.levelling.flatness_after_mm"]
         before = metrics["truth.levelling.flatness_before_mm"]
-    assert flatness["truth"] < 0.8 * before
-    assert flatness["vpkf"] > 1.2 * before
-    assert flatness["truth"] <= flatness["ours"] < 0.5 * flatness["vpkf"]
+    # Levelling levels; following the published filter through the loss, it does not; ours saves most of the difference.
+    assert flatness["truth"] < before < flatness["vpkf"]
+    assert flatness["truth"] <= flatness["ours"]
+    assert flatness["ours"] - flatness["truth"] < 0.5 * (flatness["vpkf"] - flatness["truth"])
