@@ -121,7 +121,7 @@ def test_names_known_beforehand_are_those_that_come_out() -> None:
     [
         ({"fixes_of": "gns"}, "scoring.fixes_of: unknown GNSS receiver 'gns'; did you mean 'gnss'"),
         ({"fixes_of": "radar"}, "scoring.fixes_of: unknown GNSS receiver 'radar'"),
-        ({"limits": {"heigth": 0.03}}, "scoring.limits: unknown family 'heigth'; did you mean 'height'"),
+        ({"limits": {"heightt": 0.03}}, "scoring.limits: unknown family 'heightt'; did you mean 'height'"),
         ({"limits": {"speed": 0.03}}, "scoring.limits: unknown family 'speed'"),
     ],
 )
