@@ -68,7 +68,7 @@ class HeightFilterConfig(Config):
     coarse_positions: bool = True
     """Use positions that are no fixes, each stretch with an error of its own."""
     lever_arm: bool = True
-    """Reckon antenna and reference point from the AHRS by its attitude."""
+    """Reckon antenna and reference point from the AHRS by its attitude; without it, as if the mast stood upright."""
     tilt: bool = True
     """Learn the AHRS's attitude error, which leaks into Up, from the receiver's level velocity."""
     profile: bool = True
@@ -107,9 +107,8 @@ class HeightFilter:
         self._runs, self._config = runs, config
         self._receiver = HeightReceiver(gnss, setup, vertical_speed=config.vertical_speed)
         self._lag_s = gnss.datasheet.get("velocity_lag_s", 0.0)
-        nothing = Lever(xyz_m=(0.0, 0.0, 0.0))
-        self._reference = Lever.between(ahrs, setup.reference, setup) if config.lever_arm else nothing
-        antenna = Lever.between(ahrs, gnss.mount, setup) if config.lever_arm else nothing
+        self._reference = Lever.between(ahrs, setup.reference, setup, upright=not config.lever_arm)
+        antenna = Lever.between(ahrs, gnss.mount, setup, upright=not config.lever_arm)
         self._history_ns = round(config.history_s * NS_PER_S)
         kept_s = config.history_s + max(_LAGS * self._lag_s, 0.2) + 0.2
         carrier = _carrier(setup) if config.profile else None

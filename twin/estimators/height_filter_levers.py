@@ -16,9 +16,11 @@ class Lever:
     """The vector (m) from an AHRS to another point, in the axes of the AHRS."""
 
     xyz_m: tuple[float, float, float]
+    upright: bool = False
+    """Taken to stand still over the AHRS, however that leans: only its upward part counts."""
 
     @classmethod
-    def between(cls, ahrs: SensorInfo, point: Mount, setup: EstimatorSetup) -> Lever:
+    def between(cls, ahrs: SensorInfo, point: Mount, setup: EstimatorSetup, *, upright: bool = False) -> Lever:
         """From an AHRS to a point of the same body.
 
         Raises:
@@ -31,7 +33,7 @@ class Lever:
             )
         offset = rotation_from_rpy(*ahrs.mount.rpy_rad).T @ np.subtract(point.xyz_m, ahrs.mount.xyz_m)
         x, y, z = offset.tolist()
-        return cls(xyz_m=(x, y, z))
+        return cls(xyz_m=(x, y, z), upright=upright)
 
     @property
     def is_nothing(self) -> bool:
@@ -41,6 +43,8 @@ class Lever:
     def height(self, attitude: FloatArray) -> FloatArray:
         """(R,) of the point above the AHRS; ``attitude`` (3, R) is roll, pitch, heading."""
         x, y, z = self.xyz_m
+        if self.upright:
+            return np.full(attitude.shape[1], z)
         sine, cosine = np.sin(attitude[:2]), np.cos(attitude[:2])
         height: FloatArray = cosine[1] * (y * sine[0] + z * cosine[0]) - x * sine[1]
         return height
@@ -50,6 +54,8 @@ class Lever:
         if self.is_nothing:
             return np.zeros((3, attitude.shape[1]))
         x, y, z = self.xyz_m
+        if self.upright:
+            return np.repeat([[0.0], [0.0], [z]], attitude.shape[1], axis=1)
         (sine_r, sine_p, sine_h), (cosine_r, cosine_p, cosine_h) = np.sin(attitude), np.cos(attitude)
         across = y * sine_r + z * cosine_r
         forward, left = x * cosine_p + sine_p * across, y * cosine_r - z * sine_r
@@ -59,6 +65,8 @@ class Lever:
     def slope(self, attitude: FloatArray) -> FloatArray:
         """(R,) how fast that changes with an attitude error, m/rad, roll and pitch alike uncertain."""
         x, y, z = self.xyz_m
+        if self.upright:
+            return np.zeros(attitude.shape[1])
         sine, cosine = np.sin(attitude[:2]), np.cos(attitude[:2])
         by_roll = cosine[1] * (y * cosine[0] - z * sine[0])
         by_pitch = -sine[1] * (y * sine[0] + z * cosine[0]) - x * cosine[1]
