@@ -58,6 +58,7 @@ def write_rrd(
         sheet = Sheet(stream)
         for layer in layers:
             layer(run, sheet)
+        sheet.finish()
         stream.send_blueprint(layout(sheet, run.duration_ns))
         # Through memory, because the SDK's own file sink reports a full disk to nobody.
         content = memory.drain_as_bytes()

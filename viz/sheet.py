@@ -125,6 +125,7 @@ class Sheet:
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self.stream = stream
+        self._rows: list[tuple[str, rr.TimeColumn, Iterable[rr.ComponentColumn]]] = []
         self.entities: set[str] = set()
         """Every entity drawn through this sheet, without leading slash."""
         self.panels: list[Panel] = []
@@ -158,7 +159,17 @@ class Sheet:
         self.entities.add(entity)
         # Not floats: the SDK truncates float seconds here and rounds them elsewhere, so that rows would not join.
         time = rr.TimeColumn(entities.TIME, duration=t_ns.astype("timedelta64[ns]"))
-        self.stream.send_columns(entity, [time], columns, strict=True)
+        self._rows.append((entity, time, columns))
+
+    def finish(self) -> None:
+        """Send the rows, behind all that never changes.
+
+        A viewer draws while it reads: a mesh whose corners come before its triangles is an error to it.
+        """
+        self.stream.flush()
+        for entity, time, columns in self._rows:
+            self.stream.send_columns(entity, [time], columns, strict=True)
+        self._rows.clear()
 
     def curve(self, entity: str, name: str, t_ns: IntArray, values: FloatArray) -> None:
         """Remember what a series looks like; its plot is the entity above."""

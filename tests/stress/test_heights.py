@@ -140,8 +140,20 @@ def test_trends_are_drawn_where_a_figure_is_never_reached(scenario_file: Path, t
 
 @pytest.fixture
 def closed(tmp_path: Path) -> Path:
-    implement = {"kind": "levelling", "follows": "hold"}
-    return _written(tmp_path / "closed.toml", {**TABLE, "duration_s": 4.0, "implement": implement})
+    table: dict[str, Any] = {
+        "title": "A scraper that levels by what its receiver tells",
+        "duration_s": 4.0,
+        "world": {"physics_hz": 250.0},
+        "terrain": {"kind": "flat", "cell_m": 0.5},
+        "soil": {"preset": "soft"},
+        "machine": {"kind": "scraper"},
+        "driver": {"speed_m_s": 1.0, "path": [{"stop_s": 1.0}, {"straight_m": 3.0}]},
+        "implement": {"kind": "levelling", "follows": "hold"},
+        "sensors": {"gnss": TABLE["sensors"]["gnss"]},
+        "estimators": {"hold": TABLE["estimators"]["hold"]},
+        "scoring": {"from_s": 2.0},
+    }
+    return _written(tmp_path / "closed.toml", table)
 
 
 def test_blocks_of_a_closed_loop_are_tasks_and_workers_do_not_change_the_numbers(closed: Path) -> None:

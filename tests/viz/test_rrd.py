@@ -56,6 +56,13 @@ def test_every_subject_is_drawn_on_the_paths_that_entities_names(written: Writte
     assert expected <= entities_of(written.path)
 
 
+def test_what_never_changes_comes_before_the_rows(written: Written) -> None:
+    static = [chunk.is_static for chunk in RrdReader(written.path).stream()]
+    assert static == sorted(static, reverse=True)
+    assert any(static)
+    assert not all(static)
+
+
 def test_there_is_one_timeline_and_it_is_not_the_one_that_rrd_compare_skips(written: Written) -> None:
     timelines = {name for chunk in RrdReader(written.path).stream() for name in chunk.timeline_names}
     assert timelines == {"time"}
