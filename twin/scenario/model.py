@@ -15,6 +15,7 @@ from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.families import LIMITED
+from twin.formats.geodetic import Origin
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
 from twin.signals import JointNeed, Listening
@@ -178,6 +179,8 @@ class Scenario(Config):
     duration_s: Annotated[float, Field(gt=0.0, le=36_000.0)]
     """Simulated time."""
     world: WorldConfig = WorldConfig()
+    origin: Origin = Origin()
+    """Where on the globe the local frame lies: only receivers' sentences and maps know."""
     terrain: TerrainConfig
     soil: SoilConfig
     orchard: OrchardConfig = OrchardConfig()
