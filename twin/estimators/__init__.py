@@ -12,6 +12,7 @@ from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
 from twin.estimators.guidance_gps import GuidanceGps, GuidanceGpsConfig
+from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
 from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
 from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
@@ -33,6 +34,7 @@ __all__ = [
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
     "GuidanceGpsConfig",
+    "GuidancePvConfig",
     "HeadingComplementaryConfig",
     "HeadingFilterConfig",
     "HeadingKalmanConfig",
@@ -58,7 +60,7 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-GuidanceUnion = GuidanceGpsConfig
+GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig
 AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | GuidanceUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
@@ -100,5 +102,7 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return HeightFilter(config, setup)
         case GuidanceGpsConfig():
             return GuidanceGps(config, setup)
+        case GuidancePvConfig():
+            return GuidancePv(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

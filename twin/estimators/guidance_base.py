@@ -75,6 +75,23 @@ def guidance_sensors(
     return {kind: infos[0] for kind, infos in picked.items() if infos}
 
 
+def transported(
+    state: FloatArray, covariance: FloatArray, forward_m: float, left_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Position, heading and speed (R, 4) and covariance (R, 4, 4) of a point so far before and to the left.
+
+    Only the position moves: speeds are those of the rear axle wherever the point is.
+    """
+    if forward_m == left_m == 0.0:
+        return state, covariance
+    cosine, sine = np.cos(state[:, 2]), np.sin(state[:, 2])
+    moved, T = state.copy(), np.repeat(np.eye(4)[np.newaxis], len(state), axis=0)
+    moved[:, 0] += cosine * forward_m - sine * left_m
+    moved[:, 1] += sine * forward_m + cosine * left_m
+    T[:, 0, 2], T[:, 1, 2] = -(moved[:, 1] - state[:, 1]), moved[:, 0] - state[:, 0]
+    return moved, np.einsum("rik,rjk->rij", np.einsum("rij,rjk->rik", T, covariance), T)
+
+
 class News:
     """Innovations since the last output, by column: the last of each, NaN where there was none."""
 
