@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.guidance_filter import GuidanceFilter, GuidanceFilterConfig
 from twin.estimators.guidance_gps import GuidanceGps, GuidanceGpsConfig
 from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
 from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
@@ -33,6 +34,7 @@ __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
+    "GuidanceFilterConfig",
     "GuidanceGpsConfig",
     "GuidancePvConfig",
     "HeadingComplementaryConfig",
@@ -60,7 +62,7 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig
+GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig | GuidanceFilterConfig
 AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | GuidanceUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
@@ -104,5 +106,7 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return GuidanceGps(config, setup)
         case GuidancePvConfig():
             return GuidancePv(config, setup)
+        case GuidanceFilterConfig():
+            return GuidanceFilter(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)
