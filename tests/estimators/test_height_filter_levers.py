@@ -57,7 +57,7 @@ def test_points_of_two_bodies_have_no_lever() -> None:
 def test_who_takes_a_leaning_mast_for_upright_is_too_low_by_the_mean_of_its_lean(
     sway_rad: float, lower_m: float
 ) -> None:
-    """An antenna a mast h above is lower by h (roll^2 + pitch^2) / 2; its mean over two sines of amplitude a is h a^2 / 2.
+    """An antenna h above is lower by h (roll^2 + pitch^2) / 2; its mean over two sines of amplitude a is h a^2 / 2.
 
     Attitude errors are not learned: velocities that the lever leaves unexplained would be taken for them.
     """

@@ -8,9 +8,9 @@ Each member has a *held* branch, which the estimate is taken from, and at times 
 - otherwise into the candidate, which is the held branch with the fixes since then. A receiver that has just found its
   fix again, or has been fixed wrongly, gives fixes that agree with one another: only time tells. So it is with one
   whose fixes have been refused. The candidate takes the held one's place when its fixes have agreed for
-  ``probation_s``; a fix that does not agree with it starts it anew. A receiver's height that has not moved since it was
-  refused (a stuck output is right whenever the implement comes by, and for longer when it rests there) has to agree as
-  long as one that contradicts.
+  ``probation_s``; a fix that does not agree with it, or agrees with the held branch instead, starts it anew. A
+  receiver's height that has not moved since it was refused (a stuck output is right whenever the implement comes by,
+  and for longer when it rests there) has to agree as long as one that contradicts.
 
 A candidate whose first fix contradicts the held branch is *contrary*: it begins without the held height, and has to
 last ``patience_s``, since a wrong fix may last for many seconds, or, if that is shorter, as long as the fixes
@@ -184,8 +184,9 @@ class Branches:
         trial = np.where(beliefs.contrary, CONTRADICTED, PROBATION)
         # a fix is as old as its latency; half a second later it is missing
         tracking = t_ns - beliefs.used_ns <= self._unbroken_ns + NS_PER_S // 2
-        known = np.where(tracking, TRACKING, np.where(beliefs.on_trial, trial, COASTING))
-        modes: IntArray = np.where((beliefs.used_ns == _NEVER) & ~beliefs.on_trial, WAITING, known).astype(np.int64)
+        on_trial = beliefs.on_trial & (t_ns - beliefs.heard_ns <= self._memory_ns + NS_PER_S // 2)
+        known = np.where(tracking, TRACKING, np.where(on_trial, trial, COASTING))
+        modes: IntArray = np.where((beliefs.used_ns == _NEVER) & ~on_trial, WAITING, known).astype(np.int64)
         return modes
 
     # --- what the receiver says --------------------------------------------------------------------------------------
@@ -339,7 +340,9 @@ class Branches:
         """Let fixes into the candidate where ``tried``; start it anew where they do not agree with it."""
         t_ns, beliefs = reading.t_ns, self.beliefs
         y, S = observation.innovation(self.candidate.x, self.candidate.P, z)
-        anew = tried & ~(beliefs.on_trial & (np.square(y) <= self._gate * S))
+        # what agrees with the held branch is no witness of a candidate that contradicts it
+        deserted = beliefs.contrary & ~contrary
+        anew = tried & ~(beliefs.on_trial & ~deserted & (np.square(y) <= self._gate * S))
         if anew.any():
             self._copy(self.held, self.candidate, anew)
             if (anew & contrary).any():
