@@ -45,7 +45,7 @@ from twin.estimators.height_filter_model import (
 from twin.estimators.height_filter_profile import ProfileAid, ProfileState
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_tilt import LevelFilter, LevelSnapshot
-from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
+from twin.signals import LEVEL_WITHIN_M, NS_PER_S, BoolArray, FloatArray, IntArray
 
 WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
 """Modes: no fix yet; fixes are used; none is; fixes are on probation; fixes contradict what is held."""
@@ -65,7 +65,7 @@ class GatesConfig(Config):
     """Half the width of the gates, in standard deviations of the innovation."""
     unbroken_s: NonNegative = 0.35
     """Fixes that follow one another so fast come without a break: at 10 Hz two may be lost."""
-    harmless_m: NonNegative = 0.03
+    harmless_m: NonNegative = LEVEL_WITHIN_M
     """A gate narrower than this does no harm, whatever passes it: the limit for levelling (TD/T 1033-2012)."""
     probation_s: NonNegative = 1.2
     """How long fixes have to agree before they are believed again."""
