@@ -41,7 +41,9 @@ def on_board(share: float, above: float) -> tuple[float, float]:
     return TOP[0] + share * dx + above * dz / length, TOP[1] + share * dz - above * dx / length
 
 
-def slab(begin: float, end: float, low: float, high: float, y0: float, y1: float) -> list:
+def slab(  # noqa: PLR0917 (a quad)
+    begin: float, end: float, low: float, high: float, y0: float, y1: float
+) -> list:
     """Part of the board, or of what lies on it."""
     outline = [on_board(begin, low), on_board(begin, high), on_board(end, high), on_board(end, low)]
     return prism(outline, y0, y1)
