@@ -5,11 +5,12 @@ plus feedback on lateral offset e and heading error psi. In distance s along the
 e'' + 2 w e' + w^2 e = 0 with w = ``steering_bandwidth_1_m``: critically damped, settling within a few 1/w metres
 whatever the speed. Speed changes at ``acceleration_m_s2`` and the driver brakes in time for a stop.
 
-A driver in the seat sees where the machine is. One that goes by an estimator (``follows``) sees it late and with
-noise, at the rate and with the delay of a receiver. A loop that knows it by a delay T is stable up to w v T = 0.65 (its
-phase margin without delay, 1.33 rad, at its crossover, 2.06 w); held samples count as half an interval of delay. So w
-is at most 1 / (``steering_time_s`` v): with 2.5 s, delays up to 1.6 s do no harm at any speed. An offset beyond 1/w is
-not steered against any harder: at 1/w the line is approached at 30 degrees, whatever leap an estimate makes.
+A loop that answers late by T is stable up to w v T = 0.65 (its phase margin without delay, 1.33 rad, at its crossover,
+2.06 w). So w is at most 1 / (``steering_time_s`` v). For a driver in the seat, with what the steering and a fast car's
+yaw take, 0.5 s will do (T up to 0.32 s). One that goes by an estimator (``follows``) sees the machine late and with
+noise, at the rate and with the delay of a receiver, held samples counting as half an interval: with 2.5 s, delays up to
+1.6 s do no harm at any speed. An offset beyond 1/w is not steered against any harder: at 1/w the line is approached at
+30 degrees, whatever leap an estimate makes.
 
 Where there is nothing to go by (see :mod:`twin.control.followed_estimate`), the driver holds the steering, slows down
 to ``blind_speed_m_s`` (an estimator may need motion to find its heading), and stops after ``blind_s``, until there is
@@ -45,7 +46,7 @@ _MOST_PASSES = 1000
 _BEHIND_CORNER_M = 1e-6
 _LARGEST_OFFSET_M = 3.0
 """Offsets beyond this are not steered against any harder."""
-_STEERING_TIME_S = 2.5
+_SEAT_STEERING_TIME_S, _ESTIMATE_STEERING_TIME_S = 0.5, 2.5
 _SEAT_WINDOW_M, _ESTIMATE_WINDOW_M = 10.0, 2.0
 """How far along the path the machine is looked for. An estimate that leaps sideways in a headland may be nearer to the
 next line; a way that short never gets there."""
@@ -71,8 +72,8 @@ class PathDriverConfig(FollowerConfig):
     wander_m: NonNegative = 0.0
     """Standard deviation of the lateral offset an inattentive driver keeps (first-order Gauss-Markov, 8 s)."""
     steering_time_s: NonNegative | None = None
-    """Steering feedback settles no faster than this in time, so that delays do no harm; by default 2.5 s for a driver
-    that goes by an estimator, and without such a limit for one in the seat."""
+    """Steering feedback settles no faster than this in time, so that delays do no harm; by default 0.5 s for a driver
+    in the seat and 2.5 s for one that goes by an estimator."""
     stale_after_s: Annotated[float, Field(gt=0.0, le=60.0)] = 2.0
     """Age up to which an estimate is believed, without the seat."""
     blind_speed_m_s: NonNegative = 0.5
@@ -101,7 +102,7 @@ class PathDriverConfig(FollowerConfig):
         """Time in which the feedback settles at the fastest."""
         if self.steering_time_s is not None:
             return self.steering_time_s
-        return 0.0 if self.follows == TRUTH else _STEERING_TIME_S
+        return _SEAT_STEERING_TIME_S if self.follows == TRUTH else _ESTIMATE_STEERING_TIME_S
 
 
 def planned_path(config: PathDriverConfig, start_e_n_heading: tuple[float, float, float]) -> Path:
@@ -158,6 +159,12 @@ class PathDriver:
 
     def command(self, knowledge: Knowledge, interval_s: float) -> Command:
         """Return what the driver asks of the machine now; called every ``interval_s``."""
+        command = self._command(knowledge, interval_s)
+        if self._followed is not None:
+            self._followed.turn(command.yaw_rate_rad_s * interval_s)
+        return command
+
+    def _command(self, knowledge: Knowledge, interval_s: float) -> Command:
         vehicle = self._look(knowledge)
         if vehicle is None:
             return self._drive_blind(interval_s)
