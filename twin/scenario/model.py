@@ -323,6 +323,12 @@ class Scenario(Config):
         if not isinstance(self.driver, PathDriverConfig):
             kind = self.driver.kind
             raise ValueError(f"driver.kind: {kind!r} turns on the spot, which a {self.machine.kind} cannot")  # noqa: TRY004
+        if self.driver.listens.closes_loop and self.machine.reference_swings:
+            body, root = self.machine.reference.body, self.machine.root
+            raise ValueError(
+                f"driver.follows: estimates are of a frame on {body!r}, which swings behind or before the machine that is"
+                f' to be steered; put machine.bar on {root!r}, or follow "truth"'
+            )
         for entry in self.driver.path:
             if isinstance(entry, Segment) and entry.spin_deg is not None:
                 raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
