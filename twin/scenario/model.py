@@ -326,8 +326,8 @@ class Scenario(Config):
         if self.driver.listens.closes_loop and self.machine.reference_swings:
             body, root = self.machine.reference.body, self.machine.root
             raise ValueError(
-                f"driver.follows: estimates are of a frame on {body!r}, which swings behind or before the machine that is"
-                f' to be steered; put machine.bar on {root!r}, or follow "truth"'
+                f"driver.follows: estimates are of a frame on {body!r}, which swings about the machine that is to be"
+                f" steered; put machine.bar on {root!r}, or follow 'truth'"
             )
         for entry in self.driver.path:
             if isinstance(entry, Segment) and entry.spin_deg is not None:
