@@ -11,6 +11,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin import paths
 from twin.config import Config, Names, NonNegative, Positive, Probability
 from twin.control import DriverConfigUnion, ImplementConfigUnion, PathDriverConfig, ReciprocationConfig
+from twin.control.path_plan import Segment, tightest_m
 from twin.control.seed_metering import SeedingConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
@@ -270,7 +271,8 @@ class Scenario(Config):
     @model_validator(mode="after")
     def _controllers_hear(self) -> Self:
         for section, controller in self.controllers.items():
-            listens, keys = controller.listens, {value: key for key, value in controller if isinstance(value, str)}
+            listens = controller.listens
+            keys = {value: key for key, value in controller if isinstance(value, str) and key != "kind"}
             heard: tuple[tuple[str, Mapping[str, Any], tuple[str, ...]], ...] = (
                 ("estimator", self.estimators, listens.estimators),
                 ("sensor", self.sensors, listens.sensors),
@@ -321,13 +323,20 @@ class Scenario(Config):
         if not isinstance(self.driver, PathDriverConfig):
             kind = self.driver.kind
             raise ValueError(f"driver.kind: {kind!r} turns on the spot, which a {self.machine.kind} cannot")  # noqa: TRY004
-        for segment in self.driver.path:
-            if segment.spin_deg is not None:
+        if self.driver.listens.closes_loop and self.machine.reference_swings:
+            body, root = self.machine.reference.body, self.machine.root
+            raise ValueError(
+                f"driver.follows: estimates are of a frame on {body!r}, which swings about the machine that is to be"
+                f" steered; put machine.bar on {root!r}, or follow 'truth'"
+            )
+        for entry in self.driver.path:
+            if isinstance(entry, Segment) and entry.spin_deg is not None:
                 raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
-            if segment.radius_m is not None and segment.radius_m < _TIGHTEST_STEERED_M:
+            radius_m, key = tightest_m(entry), "radius_m" if isinstance(entry, Segment) else "turn_radius_m"
+            if radius_m is not None and radius_m < _TIGHTEST_STEERED_M:
                 raise ValueError(
-                    f"driver.path: radius_m = {segment.radius_m:g}: a {self.machine.kind} turns on"
-                    f" {_TIGHTEST_STEERED_M:g} m or more"
+                    f"driver.path: {key} = {radius_m:g}: a {self.machine.kind} turns on {_TIGHTEST_STEERED_M:g} m or"
+                    " more"
                 )
         return self
 
