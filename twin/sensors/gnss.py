@@ -32,9 +32,6 @@ from twin.sensors.gnss_datasheet import datasheet
 from twin.sensors.gnss_disturbances import Disturbances
 from twin.sensors.gnss_errors import PositionErrors, Reports
 from twin.sensors.gnss_faults import RECEIVER_FAULTS
-from twin.sensors.gnss_geometry import Geometry
-from twin.sensors.gnss_internal_filter import ConstantVelocityFilter
-from twin.sensors.gnss_jumps import Jumps
 from twin.sensors.gnss_kernels import NEVER, speed_and_course
 from twin.sensors.gnss_outputs import (
     HEADING_SIGMA,
@@ -42,9 +39,10 @@ from twin.sensors.gnss_outputs import (
     heading_error,
     vertical_speed_error,
 )
+from twin.sensors.gnss_position_output import PositionOutput
 from twin.sensors.gnss_states import RTK_FIXED, FixStates, dilution
 from twin.sensors.kernels import wrap
-from twin.sensors.noise import Quantiser, RampLowPass
+from twin.sensors.noise import RampLowPass
 from twin.signals import HEADING, POSITION, BoolArray, Capture, FloatArray, IntArray, Mount, MountMotion, nanoseconds
 
 TRUE_FIX = "true_fix"
@@ -75,7 +73,7 @@ class Gnss(Sensor):
         self._table = list(config.states.values())
         self._dilution_of: dict[int, FloatArray] = {}
         self._build_receiver(config)
-        self._build_output(config, seed)
+        self._output = PositionOutput(config, self._table, period_s=self.period_s, name=name, streams=self._streams)
         self._build_velocity(config)
         self._build_heading(config)
         self._truth = np.full(len(self.columns), np.nan)
@@ -124,19 +122,6 @@ class Gnss(Sensor):
         first = len(self.error_columns)
         self._sigmas = [first, first + 1, first + 2]
 
-    def _build_output(self, config: GnssConfig, seed: int) -> None:
-        """What some receivers have between the position's error and its digits."""
-        self._jumps = (
-            None
-            if config.jump_interval_s is None
-            else Jumps(self._table, interval_s=config.jump_interval_s, period_s=self.period_s, streams=self._streams)
-        )
-        own = config.internal_filter
-        self._filter = None if own is None else ConstantVelocityFilter(own, period_s=self.period_s, runs=self._runs)
-        self._filtered_velocity = own is not None and own.velocity
-        self._geometry = None if config.geometry is None else Geometry(config.geometry, seed=seed, name=self.name)
-        self._digits = Quantiser(lsb=config.resolution_m)
-
     def _build_velocity(self, config: GnssConfig) -> None:
         self._velocity_lag = RampLowPass(tau_s=config.velocity_lag_s, period_s=self.period_s)
         noise = [[state.velocity_noise_m_s, state.velocity_noise_ratio] for state in self._table]
@@ -166,9 +151,7 @@ class Gnss(Sensor):
         self._states.update(t_ns, reference_ns, disturbances.satellites)
         index = self._states.index if disturbances.forced is None else disturbances.forced
         disturbances.look_at_states(t_ns, index)
-        dilutions = self._dilution(disturbances.satellites)
-        if self._geometry is not None:
-            dilutions = dilutions * self._geometry.at(t_ns)
+        dilutions = self._output.dilute(self._dilution(disturbances.satellites), t_ns)
         normals = self._normals.next()
         error = self._position_errors.step(
             t_ns,
@@ -179,17 +162,14 @@ class Gnss(Sensor):
             normals=normals,
         )
         self._extra[:, :3] = self._position_errors.correlated
-        if self._jumps is not None:
-            offset = self._jumps.step(index, dilutions)
+        offset = self._output.offset(index, dilutions)
+        if offset is not None:
             error = error + offset
             self._extra[:, :3] += offset
         if disturbances.offset_m is not None:
             error = error + disturbances.offset_m
-        told = error + position
-        if self._filter is not None:
-            told = self._filter.step(told, lost=index >= len(self._table))
         values = np.empty((self._runs, len(self.columns)))
-        values[:, :3] = self._digits.apply(told)
+        values[:, :3] = self._output.told(error + position, index)
         self._truth[:3] = position
         if self._tampered:
             self._own_position = values[:, :3].copy()
@@ -230,9 +210,7 @@ class Gnss(Sensor):
         east, north, up = self._velocity_lag.step(capture.mean_velocity_enu_m_s, velocity).tolist()
         still_noise, noise_ratio = self._still_noise * dilutions, self._noise_ratio * dilutions
         speed_and_course(east, north, true_speed, index, still_noise, noise_ratio, normals, 3, values)
-        if self._filter is not None and self._filtered_velocity:
-            east_m_s, north_m_s, _ = self._filter.velocity_m_s.T
-            values[:, 3], values[:, 4] = np.hypot(east_m_s, north_m_s), np.arctan2(north_m_s, east_m_s)
+        self._output.put_velocity(values, 3)
         if self._vertical_error is not None:
             # without a position there is no speed either, whatever stands here
             factor = dilutions[np.minimum(index, len(dilutions) - 1)]
