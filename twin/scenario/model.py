@@ -19,6 +19,7 @@ from twin.families import LIMITED
 from twin.formats.geodetic import Origin
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
+from twin.sensors.triggers import sources
 from twin.signals import JointNeed, Listening
 from twin.validation import did_you_mean
 from twin.world import (
@@ -240,6 +241,15 @@ class Scenario(Config):
             for sensor_name in estimator.sensors:
                 if sensor_name not in self.sensors:
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
+        return self
+
+    @model_validator(mode="after")
+    def _triggers_exist(self) -> Self:
+        for name in self.sensors:
+            try:
+                sources(name, self.sensors)
+            except BadInputError as error:
+                raise ValueError(str(error)) from None
         return self
 
     def _require_joints(self, need: JointNeed, key: str) -> None:
