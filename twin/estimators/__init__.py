@@ -11,6 +11,8 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.guidance_imm import GuidanceImm, GuidanceImmConfig
+from twin.estimators.guidance_kinematic import GuidanceKinematic, GuidanceKinematicConfig
 from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
 from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
@@ -31,6 +33,8 @@ __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
+    "GuidanceImmConfig",
+    "GuidanceKinematicConfig",
     "HeadingComplementaryConfig",
     "HeadingFilterConfig",
     "HeadingKalmanConfig",
@@ -56,7 +60,8 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | PluginConfig
+KinematicUnion = GuidanceKinematicConfig | GuidanceImmConfig
+AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | KinematicUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
@@ -95,5 +100,9 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return HeightVpkf(config, setup)
         case HeightFilterConfig():
             return HeightFilter(config, setup)
+        case GuidanceKinematicConfig():
+            return GuidanceKinematic(config, setup)
+        case GuidanceImmConfig():
+            return GuidanceImm(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)
