@@ -5,9 +5,10 @@ quantity of the field:
 
 * **straight**: constant velocity, moved by white acceleration of density ``straight_m2_s3``. A driver who holds a line
   corrects by 0.1 m/s^2 for about a second: 2 0.1^2 1 = 0.02 m^2/s^3.
-* **curve**: constant acceleration, moved by white jerk of density ``curve_m2_s5``. In a bend the acceleration turns: a
-  jerk of a^2 / v, 0.8 m/s^3 where 2.5 m/s^2 are driven at 8 m/s, one way for a second or two:
-  0.8^2 1.5 = 1 m^2/s^5.
+* **curve**: constant acceleration that turns with the velocity, at the rate (v x a) / |v|^2, so that a steady bend has
+  no jerk left (in fixed axes it has a^2 / v, 0.8 m/s^3 where 2.5 m/s^2 are driven at 8 m/s). White jerk of density
+  ``curve_m2_s5`` is what a hand does that steers by 0.1 m/s^2 for a second, 2 0.1^2 / 1 = 0.02 m^2/s^5, and as much
+  again for a bend that is no circle.
 * **from the one to the other**: straights last ``straight_s``, curves ``curve_s`` on the average; over dt the
   transition matrix is that of the continuous chain. Who enters a curve has an acceleration of zero, uncertain by
   ``turning_m_s2``, v^2 / r: the straight mode carries it along, without an effect on its own position and velocity.
@@ -17,8 +18,16 @@ quantity of the field:
   differences; where it did not stand, ``fallback_m``. Below ``least_m`` it is not believed (an antenna 2.5 m up that
   leans by one degree moves 44 mm).
 
+* **the error that fixes have in common** wanders within ``common_s``, and the track shown with it: the position moves
+  by 2 sigma^2 / common_s per second beside what the velocity makes of it. Sigma is what the receiver reports, or
+  ``common_m``. Without this a velocity that is believed would hold the track against its fixes.
+* **velocity** (``velocity = "receiver"``): speed and course of the receiver, which sees a curve in how fast ranges
+  change, and so much sooner than positions tell. It is late by the receiver's own filter: v - lag a in the curve mode.
+  A lag that is wrong by a fifth of a second is wrong by half a metre per second in a bend, so its variance grows by
+  (``lag_error_s`` a)^2. ``"none"``: positions alone, as paper 004 has it.
+
 The filter follows its fixes, so its own covariance is about the way from their common error. Sigmas of the position
-include that error: the receiver's own sigma, where it tells one.
+include that error.
 
 Everything is horizontal. Fixes count for when they were valid, however irregular.
 """
@@ -74,7 +83,7 @@ class GuidanceImmConfig(Config):
     """Output rate."""
     straight_m2_s3: Positive = 0.02
     """Density of the acceleration on straights."""
-    curve_m2_s5: Positive = 1.0
+    curve_m2_s5: Positive = 0.05
     """Density of the jerk in curves."""
     turning_m_s2: Positive = 2.0
     """1 sigma of each component of the acceleration of a vehicle that enters a curve."""
@@ -94,8 +103,8 @@ class GuidanceImmConfig(Config):
     """The least that is believed of a component of its velocity, 1 sigma."""
     velocity_lag_s: NonNegative | None = None
     """How long ago that velocity was; what the data sheet says if not given, and without one a fifth of a second."""
-    lag_error_s: NonNegative = 0.1
-    """1 sigma of that; where it comes from nowhere, three times as much."""
+    lag_error_s: NonNegative = 0.2
+    """1 sigma of that; half as much again where nobody says it."""
     common_s: Positive = 150.0
     """1/e time of the error that fixes have in common."""
     common_m: Positive = 1.0
@@ -188,7 +197,7 @@ class Sees:
             if config.velocity_lag_s is not None:
                 lag_s = config.velocity_lag_s
             if lag_s is None:
-                lag_s, self._lag_error_s = _USUAL_LAG_S, 3.0 * config.lag_error_s
+                lag_s, self._lag_error_s = _USUAL_LAG_S, 1.5 * config.lag_error_s
             self.H[CURVE, 2:, _A] = -lag_s * _PAIR
 
     def read(self, fix: Fix, variance: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -198,7 +207,7 @@ class Sees:
             return fix.position[:, :2], R
         speed, course = fix.of("speed_m_s"), fix.of("course_rad")
         velocity = np.stack([speed * np.cos(course), speed * np.sin(course)], axis=-1)
-        told = np.isfinite(velocity).all(axis=1)[:, np.newaxis]
+        told = np.isfinite(velocity.sum(axis=1))[:, np.newaxis]
         late = self._lag_error_s**2 * (acceleration**2).sum(axis=1)
         noise = self._noise**2 + (self._ratio * speed) ** 2 + late
         R[:, 2:] = np.where(told, noise[:, np.newaxis], _UNTOLD)
@@ -280,7 +289,7 @@ class GuidanceImm:
     def _believe(self, fix: Fix, variance: FloatArray) -> None:
         """Take what the receiver says of its error, less what is new in each fix."""
         told = np.stack([fix.of("sigma_e_m"), fix.of("sigma_n_m")], axis=-1) ** 2
-        good = fix.new[:, np.newaxis] & np.isfinite(told)
+        good: BoolArray = np.logical_and(fix.new[:, np.newaxis], np.isfinite(told))
         self._common = np.where(good, np.maximum(told - variance[:, np.newaxis], 0.0), self._common)
 
     def _begin(self, which: BoolArray) -> None:
