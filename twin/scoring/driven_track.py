@@ -1,6 +1,6 @@
 """The driven track as a line that points are measured against, near where the machine was.
 
-The line joins the true poses; poses closer together than a few centimetres are left out, so that a bump or a standing
+The line joins the true poses; poses closer together than two centimetres are left out, so that a bump or a standing
 machine gives it no corners. Where the track crosses itself, or a second pass runs a row's width beside the first, only
 that part of it counts that was driven shortly before and after: from the true place the foot of the perpendicular is
 sought along the track, as far as the machine got in the time window. Beyond the window's ends, and beyond those of the
@@ -18,14 +18,14 @@ from twin.signals import HEADING, NS_PER_S, POSITION, BoolArray, FloatArray, Int
 
 WINDOW_NS = 30 * NS_PER_S
 """How long before and after an instant the track counts."""
-_STEP_M = 0.05
-"""Least distance between points of the track; the arc between two of them leaves the chord by step^2 / (8 radius), a
-third of a millimetre on a radius of one metre."""
+_STEP_M = 0.02
+"""Least distance between points of the track, and half the largest where poses are closer: an arc of one metre's radius
+leaves such a chord by 0.04^2 / 8 m, a fifth of a millimetre."""
 _ROUNDS = 24
 _CLOSE_M = 0.2 * _STEP_M
 """A foot that moves less than this is in its segment, or in one of the two beside."""
 _LEAST_SLOPE = 0.25
-_CURVATURE_REACH = round(0.5 / _STEP_M)
+_CURVATURE_REACH = 10
 _NEIGHBOURS = (-1, 0, 1)
 
 
@@ -135,7 +135,7 @@ class DrivenTrack:
         return stations
 
     def _curvature(self, segments: IntArray, first: IntArray, last: IntArray) -> FloatArray:
-        """Of the track about a segment, from how courses differ over half a metre either way, 1/m."""
+        """Of the track about a segment, from how courses differ over some segments either way, 1/m."""
         behind = np.maximum(segments - _CURVATURE_REACH, first)
         before = np.minimum(segments + _CURVATURE_REACH, last)
         ahead, left = _in_axes(self._courses(before)[0], self._courses(behind)[0])

@@ -5,7 +5,7 @@ have, from ``scoring.from_s`` on. Phases: the whole run, ``turns`` (true yaw rat
 ``straights`` (the rest); where a sensor has a fault with a time window also ``loss`` (in the window) and ``after``
 (from its end on). How fast an estimate follows a change of speed is measured apart (:mod:`twin.scoring.ramps`), and so
 is the difference from an estimate that a paper took for the truth (:mod:`twin.scoring.against`), what happens when
-fixes come back after a loss (:mod:`twin.scoring.reacquisition`), and whether an estimate is as wrong as it says
+fixes come back after a loss (:mod:`twin.scoring.reacquisition`), whether an estimate is as wrong as it says
 (:mod:`twin.scoring.honesty`), and what guidance along lines is judged by (:mod:`twin.scoring.guidance`), where a
 scenario asks for it. Names are known before a run (:func:`metric_names`), so that a check on a metric that cannot exist
 is refused before anything is simulated.

@@ -127,17 +127,14 @@ class PassToPass:
             for other in range(one + 1, len(self._passes)):
                 begin = max(self._first[one], self._first[other])
                 end = min(self._first[each] + len(self._times[each]) for each in (one, other))
-                if begin >= end:
-                    continue
-                (t_i, e_i), (t_j, e_j) = (
-                    (values[each][begin - self._first[each] : end - self._first[each]] for values in self._both)
-                    for each in (one, other)
-                )
-                apart = np.abs(t_i - t_j)
-                paired = (t_i != _NOT_YET) & (t_j != _NOT_YET) & (apart > 0) & (apart <= LONGEST_NS)
-                found.append(np.abs(e_i[paired] - e_j[paired]))
+                if begin < end:
+                    found.append(self._differences_of(one, other, begin, end))
         return np.concatenate(found)
 
-    @property
-    def _both(self) -> tuple[list[IntArray], list[FloatArray]]:
-        return self._times, self._errors
+    def _differences_of(self, one: int, other: int, begin: int, end: int) -> FloatArray:
+        """|e_i - e_j| of two passes at those stations from ``begin`` until before ``end`` that count, (stations, R)."""
+        here, there = (slice(begin - self._first[each], end - self._first[each]) for each in (one, other))
+        t_i, t_j = self._times[one][here], self._times[other][there]
+        apart = np.abs(t_i - t_j)
+        paired = (t_i != _NOT_YET) & (t_j != _NOT_YET) & (apart > 0) & (apart <= LONGEST_NS)
+        return np.abs(self._errors[one][here][paired] - self._errors[other][there][paired])
