@@ -137,4 +137,5 @@ class PassToPass:
         t_i, t_j = self._times[one][here], self._times[other][there]
         apart = np.abs(t_i - t_j)
         paired = (t_i != _NOT_YET) & (t_j != _NOT_YET) & (apart > 0) & (apart <= LONGEST_NS)
-        return np.abs(self._errors[one][here][paired] - self._errors[other][there][paired])
+        differences: FloatArray = self._errors[one][here][paired] - self._errors[other][there][paired]
+        return np.abs(differences)
