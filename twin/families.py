@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from twin.signals import HEADING, HEIGHT, LANE_HEADING, LANE_OFFSET, SPEED, YAW_RATE
+from twin.signals import HEADING, HEIGHT, LANE_HEADING, LANE_OFFSET, LEVEL_WITHIN_M, SPEED, YAW_RATE
 
 _LAST = 99
 CROSS_TRACK = "cross_track_m"
@@ -158,7 +158,7 @@ FAMILIES: tuple[Family, ...] = (
         worst="max_abs_error",
         summary=("rmse_loss", "rmse"),
         may_be_limited=True,
-        tolerance=Tolerance(error=30.0, settled_sigma=15.0),
+        tolerance=Tolerance(error=1000.0 * LEVEL_WITHIN_M, settled_sigma=500.0 * LEVEL_WITHIN_M),
     ),
     # Guidance is judged by 0.1 m across the track (DOMAIN A7). Settled is half of that: 95 % within 0.1 m. Only judged
     # where a scenario is about guidance. After the height, which is what a machine that gives both is about.
