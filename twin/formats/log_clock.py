@@ -2,9 +2,9 @@
 
 A receiver says the time of day in every epoch and the date only in some. The day is the one that brings an epoch
 nearest to the latest; a date counts where that is not near, and it dates the log. An epoch up to ``LATEST_NS`` before
-the latest is a late one and keeps its time. Gaps up to ``LONGEST_GAP_NS`` stay. Whatever jumps farther, back or ahead, is
-passed over, unless the epochs that follow agree with it: then the receiver's clock has been set, or two logs have been
-joined, and the log's time goes on one second after the latest.
+the latest is a late one and keeps its time. Gaps up to ``LONGEST_GAP_NS`` stay. Whatever jumps farther, back or ahead,
+is passed over, unless the epochs that follow agree with it: then the receiver's clock has been set, or two logs have
+been joined, and the log's time goes on one second after the latest.
 """
 
 from __future__ import annotations
