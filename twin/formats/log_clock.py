@@ -22,7 +22,8 @@ _AGREEING = 3
 """So many epochs have to agree on a new time."""
 
 
-def _follows(step_ns: int) -> bool:
+def follows(step_ns: int) -> bool:
+    """Whether an epoch may come so long after the latest."""
     return -LATEST_NS <= step_ns <= LONGEST_GAP_NS
 
 
@@ -41,7 +42,8 @@ class LogClock:
         self.latest_ns = 0
         """The latest epoch, ns since the first."""
         self.start_utc_ns: int | None = None
-        """The first epoch, ns since 1970; None while no date is known."""
+        """Time zero, ns since 1970; None while no date is known. A clock that is set anew moves it: what a receiver
+        says before it has found the time dates nothing."""
 
     def place(self, time_of_day_ns: int, day: int | None) -> int | None:
         """Time of an epoch, ns since the first; None if it is passed over.
@@ -51,7 +53,6 @@ class LogClock:
             day: its date, days since 1970, where it is told.
         """
         if self._latest is None:
-            self._shift = None if day is None else 0
             return self.place_absolute((day or 0) * DAY_NS + time_of_day_ns, dated=day is not None)
         near = self._nearest(time_of_day_ns)
         if day is None:
@@ -71,9 +72,11 @@ class LogClock:
         """The same for a clock that tells days and time at once; ``dated`` if it counts from 1970 (UTC)."""
         if self._latest is None:
             self._latest = self._first = clock_ns
-            self.start_utc_ns = clock_ns if dated else None
+            if dated:
+                self._shift = 0
+                self.start_utc_ns = clock_ns
             return 0
-        if not _follows(clock_ns - self._latest) and not self._set_anew(clock_ns):
+        if not follows(clock_ns - self._latest) and not self._set_anew(clock_ns):
             return None
         self._jumped = None
         self._latest = max(self._latest, clock_ns)
@@ -82,7 +85,7 @@ class LogClock:
 
     def _set_anew(self, clock_ns: int) -> bool:
         """Whether so many epochs have jumped to the same time that the log goes on there."""
-        agrees = self._jumped is not None and _follows(clock_ns - self._jumped)
+        agrees = self._jumped is not None and follows(clock_ns - self._jumped)
         self._agreeing = self._agreeing + 1 if agrees else 1
         self._jumped = clock_ns
         if self._agreeing < _AGREEING:
@@ -91,4 +94,6 @@ class LogClock:
         self._problems[RESTART] += 1
         self._first = clock_ns - self.latest_ns - NS_PER_S
         self._latest = clock_ns
+        if self._shift is not None:
+            self.start_utc_ns = self._first + self._shift
         return True
