@@ -19,6 +19,7 @@ from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.families import LIMITED
 from twin.formats.geodetic import Origin
+from twin.formats.nmea_style import NmeaStyle
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
 from twin.sensors.triggers import sources
@@ -236,6 +237,8 @@ class Scenario(Config):
     """What the row units plant; without it no seed is metered."""
     bus: dict[str, BusConfig] = Field(default_factory=dict)
     """CAN buses whose load is worked out, by name; they have no effect on the run."""
+    nmea: dict[str, NmeaStyle] = Field(default_factory=dict)
+    """How receivers write their sentences, by sensor; of the others position_resolution_m and the states decide."""
     scoring: ScoringConfig = ScoringConfig()
     recording: RecordingConfig = RecordingConfig()
     published: dict[str, float] = Field(default_factory=dict)
@@ -305,6 +308,18 @@ class Scenario(Config):
         loss = self.scoring.loss
         if loss is not None and loss.from_s >= self.duration_s:
             raise ValueError(f"scoring.loss.from_s = {loss.from_s:g}: the run ends at {self.duration_s:g} s")
+        return self
+
+    @model_validator(mode="after")
+    def _receivers_write(self) -> Self:
+        for name, style in self.nmea.items():
+            for key, sensor, kind, what in (
+                (f"nmea.{name}", name, "gnss", "GNSS receiver"),
+                (f"nmea.{name}.imu", style.imu, "ahrs", "attitude reference"),
+            ):
+                fitting = [each for each, config in self.sensors.items() if config.kind == kind]
+                if sensor is not None and sensor not in fitting:
+                    raise ValueError(f"{key}: {unknown(sensor, fitting, what)}")
         return self
 
     @model_validator(mode="after")
