@@ -38,8 +38,8 @@ class ReferenceTrack:
     """Positions of a log on the clock and in the local frame of another.
 
     Between two positions no farther apart than ``longest_gap_s`` a line is drawn: an acceleration a makes that
-    a T^2 / 8 wrong in the middle (0.1 m with 1 m/s^2 and 1 Hz), and nothing where both logs have the same epochs. Clocks
-    are matched by UTC.
+    a T^2 / 8 wrong in the middle (0.1 m with 1 m/s^2 and 1 Hz), and nothing where both logs have the same epochs.
+    Clocks are matched by UTC.
 
     Raises:
         BadInputError: the reference has no positions, or one of the two logs does not know its date.
