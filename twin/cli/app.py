@@ -107,7 +107,7 @@ def replay(  # noqa: PLR0917  (typer makes options of them)
         list[str] | None,
         typer.Option(
             metavar="[NAME=]KIND[:KEY=VALUE,...]",
-            help="Over a log: a kind, as guidance_pv or cv=guidance_kinematic:model=constant_velocity; may be repeated. "
+            help="Over a log: kinds, as guidance_pv or cv=guidance_kinematic:model=constant_velocity. "
             "Over anything: your own, as package.module:Class, or a registered name.",
         ),
     ] = None,

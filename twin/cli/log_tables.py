@@ -55,7 +55,7 @@ def innovation_table(metrics: Metrics, estimators: Sequence[str]) -> Table | Non
         table.add_column(heading, justify="right")
     for name in estimators:
         mine = _of(metrics, name)
-        aids = [match[1] for key in mine if (match := _UPDATES.match(key))]
+        aids = [match[1] for key, value in mine.items() if (match := _UPDATES.match(key)) and value > 0.0]
         for aid in aids:
             told = {
                 key: mine[f"consistency.{aid}{key}"] for key in ("", "_low", "_high", "_inside_percent", "_updates")

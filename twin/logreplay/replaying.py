@@ -195,6 +195,7 @@ class _Replayer:
         self.usable = 0
         self.ended_ns = 0
         self._asked_ns: int | None = None
+        self._quality = math.nan
 
     def _open(self) -> None:
         """Start new blocks."""
@@ -273,11 +274,18 @@ class _Replayer:
             self._draw_errors(self.receiver.name, errors)
         if len(epochs):
             found = self.figures.add_estimates(epochs, said, reference.at(epochs.t_ns) if reference else None)
-            self.sketch.add("epochs", epochs)
+            self.sketch.add("epochs", epochs, self._changes(epochs.column("quality")[:, 0]))
             for name, stream in said.items():
                 self._files.add(estimate_stream(name), stream)
                 self.sketch.add(estimate_stream(name), *_drawn(stream))
                 self._draw_errors(name, found.get(name))
+
+    def _changes(self, quality: FloatArray) -> FloatArray:
+        """Where the quality is another than in the row before: such rows stay in a picture."""
+        before = np.concatenate([[self._quality], quality[:-1]])
+        self._quality = float(quality[-1])
+        changed: FloatArray = (quality != before).astype(np.float64)
+        return changed
 
     def _draw_errors(self, name: str, errors: Stream | None) -> None:
         if errors is not None:
