@@ -17,7 +17,7 @@ from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
 from twin.formats.log import Log
 from twin.formats.logs import open_log
-from twin.logreplay import LogReplay, choose, is_built_in, read_settings, replay_log
+from twin.logreplay import LogReplay, ReplaySettings, choose, is_built_in, read_settings, replay_log
 from twin.logreplay.result import name_of, result_of, utc_text
 from twin.runfolder import RESULT, replacing, require_writable, write_result
 
@@ -45,7 +45,7 @@ def replay_any(what: Path, options: LogOptions) -> int:
         BadInputError: it is none of these, or an option is for a log only.
     """
     trial = what.suffix == ".mat"
-    if not trial and not what.is_dir() and what.exists():
+    if not trial and what.exists() and (options.mapping is not None or not what.is_dir()):
         return _replay_file(what, options)
     for name in ("reference", "mapping", "origin", "out"):
         if getattr(options, name) is not None:
@@ -66,7 +66,7 @@ def _replay_file(path: Path, options: LogOptions) -> int:
     own = [text for text in options.estimators if text not in built_in]
     choices = choose(built_in, plugins=load_plugins(own), options=settings.estimators)
     log = open_log(path, mapping=options.mapping, origin=_origin(options.origin))
-    reference = None if options.reference is None else open_log(options.reference, mapping=options.mapping)
+    reference = None if options.reference is None else _open_reference(options.reference, settings)
     out = options.out or _OUT
     require_writable(out)
     _introduce(log, reporter)
@@ -88,6 +88,11 @@ def _replay_file(path: Path, options: LogOptions) -> int:
     else:
         _report(found, out / name_of(log), reporter, rrd=options.rrd)
     return EXIT_OK
+
+
+def _open_reference(path: Path, settings: ReplaySettings) -> Log:
+    mapping = settings.reference.mapping
+    return open_log(path, mapping=None if mapping is None else Path(mapping))
 
 
 def _origin(text: str | None) -> Origin | None:

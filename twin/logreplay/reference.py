@@ -95,7 +95,7 @@ class ReferenceTrack:
         rows = [each for each in heard if each.sensor == self._receiver.name and each.valid[0]]
         t_ns = np.array([each.t_ns + self._shift_ns for each in rows], dtype=np.int64)
         values = np.full((len(rows), len(_COLUMNS)), math.nan)
-        told = np.array([each.values[0] for each in rows]).reshape(len(rows), -1)
+        told = np.array([each.values[0] for each in rows]).reshape(len(rows), len(self._receiver.columns))
         for column, place in enumerate(self._places):
             if place >= 0:
                 values[:, column] = told[:, place]

@@ -230,7 +230,7 @@ class _Replayer:
         self._rows[name] += 1
         if name == self._clock:
             self._ask(now, measurement)
-        elif self._asked_ns is None or now - self._asked_ns > _SILENT_PERIODS * self._period_ns:
+        elif self._asked_ns is not None and now - self._asked_ns > _SILENT_PERIODS * self._period_ns:
             self._ask(now, None)
         if self._rows[name] >= BLOCK_ROWS:
             self._flush()

@@ -27,6 +27,8 @@ class Vehicle(Config):
 class Reference(Config):
     """How the log with which positions are compared is read."""
 
+    mapping: str | None = None
+    """What its columns mean, if it is a table."""
     longest_gap_s: Positive = 1.05
     """Between two of its positions one is interpolated only if they are no farther apart."""
 

@@ -67,13 +67,13 @@ class _Map:
         self._draw_grid()
         legend: _Legend = []
         reference = run.recording.streams.get(REFERENCE)
-        if reference is not None and self._draw_line(REFERENCE, reference, entities.TRUTH_COLOUR, width=2.4, order=1.0):
+        if reference is not None and self._draw_line(REFERENCE, reference, entities.TRUTH_COLOUR, width=1.7, order=1.0):
             legend.append((REFERENCE, entities.TRUTH_COLOUR))
         for name in run.recording.names("measurements"):
             legend += self._draw_receiver(name)
         for name in run.estimators:
             stream, colour = run.recording.estimates(name), run.colours[name]
-            if self._draw_line(f"estimates/{name}", stream, colour, width=1.1, order=3.0):
+            if self._draw_line(f"estimates/{name}", stream, colour, width=0.9, order=3.0):
                 legend.append((entities.legend_name(name), colour))
             self._draw_marker(name, stream)
         self._draw_legend(legend)
@@ -103,7 +103,7 @@ class _Map:
                 told.append((f"{name}: {entities.QUALITY_LABELS[code]}", colour))
         if not seen.any():
             return []
-        radii = rr.Radius.ui_points(2.2)
+        radii = rr.Radius.ui_points(3.0)
         dots = rr.Points2D(_drawn(points[seen]), colors=colours[seen], radii=radii, draw_order=2.0)
         self._sheet.static(f"{self._root}/measurements/{name}", dots)
         return told or [(name, entities.MEASURED_COLOUR)]
