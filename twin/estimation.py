@@ -12,8 +12,10 @@ from functools import cache
 
 import numpy as np
 
+from twin.control.path_following import PathDriverConfig, planned_path
 from twin.errors import BadInputError
 from twin.estimators import build_estimator
+from twin.geometry import Path
 from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream
 from twin.scenario import RESERVED, Scenario
 from twin.signals import (
@@ -171,7 +173,15 @@ def estimator_setup(
         design_height_m=scenario.levelling.design_height_m,
         wheelbase_m=scenario.machine.wheelbase_m,
         reference_x_m=scenario.machine.reference_x_m,
+        planned_path=_planned_path(scenario),
     )
+
+
+def _planned_path(scenario: Scenario) -> Path | None:
+    """What a driver who follows a path means to drive."""
+    if not isinstance(scenario.driver, PathDriverConfig):
+        return None
+    return planned_path(scenario.driver, scenario.machine.vehicle_start)
 
 
 def build_bank(

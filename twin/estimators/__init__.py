@@ -12,6 +12,8 @@ from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
 from twin.estimators.guidance_gps import GuidanceGps, GuidanceGpsConfig
+from twin.estimators.guidance_imm import GuidanceImm, GuidanceImmConfig
+from twin.estimators.guidance_kinematic import GuidanceKinematic, GuidanceKinematicConfig
 from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
 from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
@@ -34,6 +36,8 @@ __all__ = [
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
     "GuidanceGpsConfig",
+    "GuidanceImmConfig",
+    "GuidanceKinematicConfig",
     "GuidancePvConfig",
     "HeadingComplementaryConfig",
     "HeadingFilterConfig",
@@ -60,7 +64,7 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig
+GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig | GuidanceKinematicConfig | GuidanceImmConfig
 AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | GuidanceUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
@@ -104,5 +108,9 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return GuidanceGps(config, setup)
         case GuidancePvConfig():
             return GuidancePv(config, setup)
+        case GuidanceKinematicConfig():
+            return GuidanceKinematic(config, setup)
+        case GuidanceImmConfig():
+            return GuidanceImm(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)
