@@ -59,8 +59,8 @@ def test_the_gyro_sums_up_to_the_angle_turned(recording: Recording) -> None:
     heading = np.unwrap(truth.column("heading_rad")[:, 0])
     turned = np.interp(gyro.t_ns[-1], truth.t_ns, heading) - heading[0]
     assert turned > 2.0
-    # Evenly within half a step of the converter each second (2.1e-3 deg/s), 20 of them; on flat ground the carrier leans
-    # in the curve by a fraction of a degree, whose cosine is one to 1e-4.
+    # Evenly within half a step of the converter each second (2.1e-3 deg/s), 20 of them; on flat ground the carrier
+    # leans in the curve by a fraction of a degree, whose cosine is one to 1e-4.
     assert np.sum(gyro.values[:, 0, 0] * intervals_s) == pytest.approx(turned, abs=20 * 1.9e-5 + 1e-4 * turned)
 
 
@@ -69,8 +69,8 @@ def test_potentiometer_and_encoders_tell_the_same_curve(recording: Recording) ->
     # A wheel in the middle of the front axle points along the circle: atan(wheelbase / radius). Side slip is small.
     steady = angle.values[(angle.t_ns > 8e9) & (angle.t_ns < 16e9), 0, 0]
     assert np.mean(steady) == pytest.approx(math.atan(1.1 / 4.0), rel=0.03)
-    # Outer less inner wheel: the angle turned times the track over the rolling radius, in slots; counts round down twice
-    # each, and wheels slip by a few per cent of the difference.
+    # Outer less inner wheel: the angle turned times the track over the rolling radius, in slots; counts round down
+    # twice each, and wheels slip by a few per cent of the difference.
     slots = counts.values[-1, 0] - counts.values[3, 0]
     heading = np.interp(counts.t_ns[[3, -1]], truth.t_ns, np.unwrap(truth.column("heading_rad")[:, 0]))
     expected = np.diff(heading)[0] * 1.20 / 0.4635 * 360.0 / (2.0 * math.pi)

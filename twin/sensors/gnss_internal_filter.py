@@ -26,19 +26,24 @@ position.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from twin.config import Config, Positive
+from twin.config import Config
 from twin.signals import BoolArray, FloatArray
+
+Figure = Annotated[float, Field(ge=1e-3, le=1e3)]
+"""A standard deviation that a receiver's maker may have set."""
 
 
 class InternalFilter(Config):
     """A receiver's own filter for constant velocity."""
 
-    position_sigma_m: Positive
+    position_sigma_m: Figure
     """Noise of a position that the filter expects; its ratio to the other figure says how far it trails."""
-    acceleration_sigma_m_s2: Positive
+    acceleration_sigma_m_s2: Figure
     """Acceleration that it expects."""
     velocity: bool = False
     """Speed and course come from the filter too; otherwise they are those of the Doppler shifts."""
