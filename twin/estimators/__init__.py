@@ -13,6 +13,8 @@ from pydantic import Field
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
 from twin.estimators.guidance_filter import GuidanceFilter, GuidanceFilterConfig
 from twin.estimators.guidance_gps import GuidanceGps, GuidanceGpsConfig
+from twin.estimators.guidance_imm import GuidanceImm, GuidanceImmConfig
+from twin.estimators.guidance_kinematic import GuidanceKinematic, GuidanceKinematicConfig
 from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
 from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
@@ -36,6 +38,8 @@ __all__ = [
     "GnssSpeedOnlyConfig",
     "GuidanceFilterConfig",
     "GuidanceGpsConfig",
+    "GuidanceImmConfig",
+    "GuidanceKinematicConfig",
     "GuidancePvConfig",
     "HeadingComplementaryConfig",
     "HeadingFilterConfig",
@@ -62,7 +66,9 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig | GuidanceFilterConfig
+GuidanceUnion = (
+    GuidanceGpsConfig | GuidancePvConfig | GuidanceFilterConfig | GuidanceKinematicConfig | GuidanceImmConfig
+)
 AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | GuidanceUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
@@ -108,5 +114,9 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return GuidancePv(config, setup)
         case GuidanceFilterConfig():
             return GuidanceFilter(config, setup)
+        case GuidanceKinematicConfig():
+            return GuidanceKinematic(config, setup)
+        case GuidanceImmConfig():
+            return GuidanceImm(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)
