@@ -143,6 +143,10 @@ def height_map(which: str) -> str:
     return f"height_map/{which}"
 
 
+COVERAGE_MAP = "coverage_map"
+"""Map of what the implement covered."""
+
+
 # --- pictures ---------------------------------------------------------------------------------------------------------
 
 PICTURES = "pictures"
@@ -276,6 +280,12 @@ SEED_LEGEND: tuple[tuple[str, Colour], ...] = (
     ("double", DOUBLE_COLOUR),
     ("behind a gap", GAP_COLOUR),
 )
+COVERAGE_LEGEND: tuple[tuple[str, Colour], ...] = (
+    ("skipped", (245, 245, 245)),
+    ("covered once", (30, 110, 90)),
+    ("overlapped", (240, 150, 20)),
+)
+"""By how many passes went over a cell: none, one, two or more."""
 LEVEL_NAMES = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 
