@@ -93,11 +93,17 @@ class MapFrame:
         raised = [(x, y - _DROP * self.unit) for x, y in places]
         sheet.static(entity, rr.Points2D(raised, labels=labels, colors=[_INK], radii=_UNSEEN, show_labels=True))
 
-    def bound(self, sheet: Sheet, root: str, *, beside: float) -> None:
-        """Let the map be seen with its labels at first, and with some room to its right, in longer sides."""
+    def bound(self, sheet: Sheet, root: str, *, beside: float, least: float = 0.0) -> None:
+        """Let the map be seen with its labels at first, with some room to its right, in longer sides.
+
+        What stands there reaches ``least`` longer sides down.
+        """
         width, height = self.size
         margin = (LABEL + 2.0 * GAP) * self.unit
-        sheet.bounds[root] = ((-margin, width + beside * self.unit), (-margin, height + margin))
+        sheet.bounds[root] = (
+            (-margin, width + beside * self.unit),
+            (-margin, max(height + margin, (least + GAP) * self.unit)),
+        )
 
 
 def _multiples(step: float, low: float, high: float) -> list[float]:

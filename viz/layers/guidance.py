@@ -17,8 +17,8 @@ from viz.thinning import thin
 
 _PANEL = "cross_track"
 _PLANE = POSITION[:2]
-_MOST_M = 5.0
-"""To which the plot reaches at most at first, from zero; what an estimator that is lost says is cut."""
+_WITHIN = (-3.0, 3.0)
+"""To which the plot reaches at most at first; what an estimator that is lost says is cut."""
 _LIMIT_M = 0.1
 _LIMIT_SERIES = "limit"
 
@@ -31,7 +31,6 @@ def draw_cross_track_plot(run: Run, sheet: Sheet) -> None:
     truth, legs = run.truth, run.scene.guided_legs
     if truth is None or not legs or not len(truth) or not all(truth.has(each) for each in (*_PLANE, SEGMENT)):
         return
-    within = (-_MOST_M, _MOST_M)
     for side, name in ((-_LIMIT_M, "below"), (_LIMIT_M, "above")):
         ends = np.array([truth.t_ns[0], truth.t_ns[-1]])
         entity = entities.plot(_PANEL, f"{_LIMIT_SERIES}_{name}")
@@ -46,10 +45,9 @@ def draw_cross_track_plot(run: Run, sheet: Sheet) -> None:
     offset[~_on_straights(run, truth)] = np.nan
     keep = thin(truth.t_ns, PLOT_HZ)
     entity = entities.plot(_PANEL, entities.TRUTH_SERIES)
-    sheet.line(
-        entity, truth.t_ns[keep], offset[keep], entities.TRUTH_COLOUR, width=2.0, name="machine off line", within=within
-    )
-    title = "Across the track on straights, left positive, with claimed ±1σ [m]"
+    colour, name = entities.TRUTH_COLOUR, "machine off line"
+    sheet.line(entity, truth.t_ns[keep], offset[keep], colour, width=2.0, name=name, within=_WITHIN, broken=True)
+    title = "Across the track, left positive, ±1σ [m]"
     sheet.panel(PanelKind.PLOT, entities.plot(_PANEL), title)
 
 
@@ -70,6 +68,6 @@ def _draw_errors(run: Run, sheet: Sheet, estimator: str, track: DrivenTrack) -> 
     found = cross_track_errors(track, own, compared)
     errors, sigmas = (np.where(straight, values[:, 0], np.nan)[kept] for values in (found.errors_m, found.sigmas_m))
     entity, colour = entities.plot(_PANEL, estimator), run.colours[estimator]
-    sheet.line(entity, compared.t_ns[kept], errors, colour, within=(-_MOST_M, _MOST_M))
+    sheet.line(entity, compared.t_ns[kept], errors, colour, within=_WITHIN, broken=True)
     if np.isfinite(sigmas).any():
         sheet.band(entity, compared.t_ns[kept], np.where(np.isnan(errors), np.nan, 0.0), sigmas, colour)
