@@ -317,7 +317,7 @@ def test_planned_track_chooses_where_it_bends() -> None:
 
 
 def test_driver_who_leaves_the_plan_is_found_out() -> None:
-    # straight for 12 s as planned, then round a circle of 25 m at 8 m/s for 12 s
+    # straight for 10 s as planned, then round a circle of 25 m at 8 m/s for 12 s
     plan = Path(east_m=0.0, north_m=0.0, heading_rad=0.0, pieces=[(500.0, 0.0)])
     estimator = make(make_setup(planned_path=plan), switch={"by": "planned_track"}, start_s=0.0)
     modes = []
@@ -327,9 +327,9 @@ def test_driver_who_leaves_the_plan_is_found_out() -> None:
         at = [8.0 * min(t_s, 10.0) + 25.0 * np.sin(turned), 25.0 * (1.0 - np.cos(turned)), 0.0]
         estimator.process(fix(t_s, at, speed=8.0, course=turned))
         modes.append(value(estimator, "mode_turning", t_s))
-    # 1.18 a fix once both have settled to the circle: 35 fixes to odds of 300, and one or two seconds to settle
+    # 1.18 a fix once both have settled to the circle: 35 fixes to odds of 300, and up to 3 s to settle
     assert not any(modes[: 50 + 35])
-    assert all(modes[50 + 45 :])
+    assert all(modes[50 + 35 + 15 :])
 
 
 def test_planned_track_needs_a_plan_and_steering_needs_something_that_turns() -> None:
