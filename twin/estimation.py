@@ -8,6 +8,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from twin.signals import (
     Estimator,
     EstimatorSetup,
     FloatArray,
+    IntArray,
     Measurement,
     Said,
     SensorInfo,
@@ -64,12 +66,8 @@ class EstimatorBank:
         self._due = {name: listener.period_ns for name, listener in self._listeners.items()}
         self._next_due = min(self._due.values(), default=None)
         self._writers = {
-            name: StreamWriter(_stream_columns(listener.estimator), runs) for name, listener in self._listeners.items()
+            name: StreamWriter(stream_columns(listener.estimator), runs) for name, listener in self._listeners.items()
         }
-        self._upper = {
-            name: np.triu_indices(len(listener.estimator.state_columns)) for name, listener in self._listeners.items()
-        }
-
         self._latest: dict[str, Estimate] = {}
         self._later = {
             name: listener.estimator
@@ -93,7 +91,7 @@ class EstimatorBank:
                     listener = self._listeners[name]
                     estimate = self._latest[name] = listener.estimator.estimate(now)
                     if name not in self._later:
-                        self._writers[name].append(now, *self._parts(name, estimate))
+                        self._writers[name].append(now, *stream_parts(estimate))
                     self._due[name] = now + listener.period_ns
             self._next_due = min(self._due.values())
 
@@ -111,7 +109,7 @@ class EstimatorBank:
         """The run has ended: smoothers say what they know in hindsight."""
         for name, estimator in self._later.items():
             for estimate in estimator.hindsight():
-                self._writers[name].append(estimate.t_ns, *self._parts(name, estimate))
+                self._writers[name].append(estimate.t_ns, *stream_parts(estimate))
         self._later = {}
 
     def _process_until(self, t_ns: int) -> None:
@@ -121,12 +119,6 @@ class EstimatorBank:
                 for listener in self._listeners.values():
                     if measurement.sensor in listener.sensors:
                         listener.estimator.process(measurement)
-
-    def _parts(self, name: str, estimate: Estimate) -> tuple[FloatArray, ...]:
-        if estimate.covariance is None:
-            return estimate.values, estimate.sigmas
-        rows, columns = self._upper[name]
-        return estimate.values, estimate.sigmas, estimate.covariance[:, rows, columns]
 
     @property
     def columns(self) -> dict[str, tuple[str, ...]]:
@@ -142,7 +134,8 @@ class EstimatorBank:
         return {estimate_stream(name): writer.finish() for name, writer in self._writers.items()}
 
 
-def _stream_columns(estimator: Estimator) -> tuple[str, ...]:
+def stream_columns(estimator: Estimator) -> tuple[str, ...]:
+    """Columns of an estimator's stream: its own, their sigmas, and the upper triangle of the state's covariance."""
     state = estimator.state_columns
     pairs = zip(*np.triu_indices(len(state)), strict=True) if state else ()
     return (
@@ -150,6 +143,19 @@ def _stream_columns(estimator: Estimator) -> tuple[str, ...]:
         *(sigma_column(column) for column in estimator.columns),
         *(covariance_column(state[first], state[second]) for first, second in pairs),
     )
+
+
+def stream_parts(estimate: Estimate) -> tuple[FloatArray, ...]:
+    """Parts of a row of that stream, side by side, each (R, k)."""
+    if estimate.covariance is None:
+        return estimate.values, estimate.sigmas
+    rows, columns = _upper_triangle(estimate.covariance.shape[1])
+    return estimate.values, estimate.sigmas, estimate.covariance[:, rows, columns]
+
+
+@cache
+def _upper_triangle(size: int) -> tuple[IntArray, IntArray]:
+    return np.triu_indices(size)
 
 
 def estimator_setup(
