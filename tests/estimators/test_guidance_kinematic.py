@@ -161,6 +161,17 @@ def test_heading_is_held_while_slow(kind: str) -> None:
     assert value(estimator, "heading_rad", 19.8) == pytest.approx(np.pi / 2, abs=0.1)
 
 
+@pytest.mark.parametrize("model", ["constant_velocity", "constant_acceleration"])
+def test_heading_does_not_turn_round_at_a_hard_stop(model: str) -> None:
+    # 7 m/s to a stop at 2 m/s^2, told once a second: constant acceleration then goes backwards at 2 m/s or so
+    estimator = make(make_setup(rate_hz=1.0), model=model, start_s=0.0)
+    for k in range(30):
+        braked = np.clip(k - 15.0, 0.0, 3.5)
+        east = 7.0 * min(k, 15.0) + 7.0 * braked - braked**2
+        estimator.process(fix(float(k), [east, 0.0, 0.0], speed=7.0 - 2.0 * braked))
+        assert abs(value(estimator, "heading_rad", k + 0.5)) < 0.01
+
+
 # --- lever arm -------------------------------------------------------------------------------------------------------
 
 
@@ -294,6 +305,21 @@ def test_wheels_tell_a_curve() -> None:
         modes.append(value(estimator, "mode_turning", 0.2 * k))
     assert not any(modes[:50])
     assert all(modes[56:])
+
+
+def test_zero_of_the_steering_is_learnt() -> None:
+    info = sensor("angle_transducer", "steering_angle_rad")
+    estimator = make(
+        make_setup(info, wheelbase_m=1.1), switch={"by": "odometer_and_steering", "smoothing_s": 0.2}, start_s=0.0
+    )
+    modes = []
+    for k in range(60):  # 1.5 degrees off, on 1.1 m the curvature of 42 m; from 40 s on round a bend of 25 m
+        bent = 1.0 / 25.0 if k >= 40 else 0.0
+        estimator.process(says(info, 1.0 * k, np.arctan(1.1 * bent) + np.radians(1.5)))
+        estimator.process(fix(1.0 * k, [5.0 * k, 0.0, 0.0]))
+        modes.append(value(estimator, "mode_turning", 1.0 * k))
+    assert not any(modes[12:40])
+    assert all(modes[40:])
 
 
 def test_choice_has_hysteresis() -> None:

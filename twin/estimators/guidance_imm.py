@@ -286,6 +286,7 @@ class GuidanceImm:
         self._tell(fix, R, used)
         self._engine.update(z, R, used)
         x = self._engine.modes.mean()[0]
+        self._pose.hear(fix.of(SPEED), used)
         self._pose.keep(self._pose.turn(x[:, _V], x[:, _A], used)[0])
 
     def _believe(self, fix: Fix, variance: FloatArray) -> None:
