@@ -191,7 +191,8 @@ def test_an_endless_line_takes_neither_memory_nor_time(name: str, ending: bytes,
 @pytest.mark.parametrize("name", NAMES)
 def test_memory_does_not_grow_with_the_log(name: str, tmp_path: Path) -> None:
     peaks = []
-    for count in (5_000, 20_000):
+    few = {"log.nmea": 1_000, "log.pos": 2_000, "log.csv": 5_000}[name]
+    for count in (few, 4 * few):
         path = tmp_path / name
         path.write_bytes(WRITERS[name](count))
         mapping = tmp_path / "mapping.toml"

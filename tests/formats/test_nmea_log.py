@@ -228,22 +228,44 @@ def test_late_epochs_keep_their_time_and_arrive_when_they_arrive(tmp_path: Path)
     assert not problems
 
 
-def test_one_epoch_far_off_is_passed_over_and_gaps_stay(tmp_path: Path) -> None:
-    path = write_log(tmp_path, *(gga(f"{time}.00") for time in ("120000", "120001", "060000", "120002", "130000")))
+@pytest.mark.parametrize("far", ["060000", "120500", "200000", "235959"])
+def test_one_epoch_far_off_is_passed_over(far: str, tmp_path: Path) -> None:
+    path = write_log(tmp_path, *(gga(f"{time}.00") for time in ("120000", "120001", far, "120002", "120003")))
     found, problems = read(path)
-    assert [each.t_ns // 10**9 for each in found] == [0, 1, 2, 3600]
+    assert [each.t_ns // 10**9 for each in found] == [0, 1, 2, 3]
     assert problems == {"time jumps": 1}
 
 
-def test_a_clock_set_anew_is_followed_once_three_epochs_agree_and_dates_the_log(tmp_path: Path) -> None:
+def test_gaps_stay_and_nothing_behind_them_is_lost(tmp_path: Path) -> None:
+    times = ("120000", "120001", "120100", "120101", "130000", "130001", "133000")
+    found, problems = read(write_log(tmp_path, *(gga(f"{time}.00") for time in times)))
+    assert [each.t_ns // 10**9 for each in found] == [0, 1, 60, 61, 3600, 3601, 5400]
+    assert not problems
+
+
+def test_a_log_with_an_epoch_a_minute_is_read_whole(tmp_path: Path) -> None:
+    found, problems = read(write_log(tmp_path, *(gga(f"12{minute:02d}00.00") for minute in range(30))))
+    assert [each.t_ns // 10**9 for each in found] == [60 * minute for minute in range(30)]
+    assert not problems
+
+
+@pytest.mark.parametrize("dated", [False, True])
+def test_joined_logs_go_on_one_second_after_the_first(dated: bool, tmp_path: Path) -> None:
+    times = ("120000", "120001", "080000", "080001", "080002", "200000", "200001", "200002")
+    bodies = [body for time in times for body in ((gga(f"{time}.00"), rmc(f"{time}.00"))[: 1 + dated])]
+    found, problems = read(write_log(tmp_path, *bodies))
+    assert [each.t_ns // 10**9 for each in found] == [0, 1, 2, 3, 4, 5, 6, 7]
+    assert problems == {"clock set anew": 2}
+
+
+def test_a_clock_that_finds_the_time_dates_the_log(tmp_path: Path) -> None:
     early = [rmc(f"00000{second}.00", date="060180") for second in range(3)]
     right = [rmc(f"12000{second}.00", date="010426") for second in range(6)]
     log = open_log(write_log(tmp_path, *early, *right))
-    found = list(log.measurements())
-    assert [each.t_ns // 10**9 for each in found] == [0, 1, 2, 3, 4, 5, 6]
-    assert log.problems == {"time jumps": 2, "clock set anew": 1}
-    # the third that is right is 3 s after time zero
-    assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64("2026-04-01T11:59:59")
+    assert [each.t_ns // 10**9 for each in log.measurements()] == list(range(9))
+    assert log.problems == {"clock set anew": 1}
+    # the first that is right is 3 s after time zero
+    assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64("2026-04-01T11:59:57")
 
 
 # --- bad lines -------------------------------------------------------------------------------------------------------

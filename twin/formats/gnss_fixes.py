@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.formats.geodetic import Origin
+from twin.formats.log_clock import Placed
 from twin.geometry import wrap_angle
 from twin.signals import NS_PER_S, POSITION, FloatArray, Measurement, Mount, SensorInfo
 
@@ -66,6 +67,11 @@ class Fix(NamedTuple):
     def placed(self) -> bool:
         """Whether it has a position that may lie near an origin."""
         return _LATITUDES[0] <= self.latitude_deg <= _LATITUDES[1] and not math.isnan(self.longitude_deg)
+
+
+def at(placed: Placed[Fix]) -> Fix:
+    """A fix, put in time."""
+    return placed.item._replace(t_ns=placed.t_ns, t_available_ns=placed.t_available_ns)
 
 
 _PLACE = Fix._fields.index("latitude_deg")

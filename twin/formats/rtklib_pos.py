@@ -24,7 +24,7 @@ import pymap3d
 
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, measurements, origin_of, receiver_info
+from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, at, measurements, origin_of, receiver_info
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock
 from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
@@ -166,7 +166,7 @@ class _Row:
         if quality is None:
             raise BadSentenceError(OUT_OF_RANGE)
         north, east = self._told("vn(m/s)", -1e3, 1e3), self._told("ve(m/s)", -1e3, 1e3)
-        self._fix = Fix(
+        self.fix = Fix(
             0,
             0,
             *(place if quality else (math.nan, math.nan, math.nan)),
@@ -190,10 +190,6 @@ class _Row:
             raise BadSentenceError(OUT_OF_RANGE)
         return value
 
-    def fix(self, t_ns: int, t_available_ns: int) -> Fix:
-        """The epoch, put in time."""
-        return self._fix._replace(t_ns=t_ns, t_available_ns=t_available_ns)
-
 
 class RtklibLog:
     """A solution of RTKLIB; see :class:`twin.formats.log.Log`. Its one sensor is ``gnss``.
@@ -213,7 +209,7 @@ class RtklibLog:
         self.path = path
         self.problems: Counter[str] = Counter()
         unused: Counter[str] = Counter()
-        clock = LogClock(unused)
+        clock: LogClock[Fix] = LogClock(unused)
         head: list[Fix] = []
         for fix in self._fixes(clock, unused):
             if head or fix.placed:
@@ -232,7 +228,7 @@ class RtklibLog:
         """Measurements in order of arrival; once."""
         return measurements(self._fixes(LogClock(self.problems), self.problems), self.origin)
 
-    def _fixes(self, clock: LogClock, problems: Counter[str]) -> Iterator[Fix]:
+    def _fixes(self, clock: LogClock[Fix], problems: Counter[str]) -> Iterator[Fix]:
         layout: _Layout | None = None
         for line in lines_of(self.path, problems):
             try:
@@ -243,9 +239,10 @@ class RtklibLog:
             except BadSentenceError as error:
                 problems[error.kind] += 1
                 continue
-            t_ns = clock.place_absolute(row.utc_ns)
-            if t_ns is not None:
-                yield row.fix(t_ns, clock.latest_ns)
+            for placed in clock.put_absolute(row.fix, row.utc_ns):
+                yield at(placed)
+        for placed in clock.finish():
+            yield at(placed)
 
 
 def _row(line: bytes, layout: _Layout | None) -> _Row:
