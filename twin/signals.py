@@ -18,6 +18,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.geometry import Path
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -56,6 +58,9 @@ STROKE = "stroke_m"
 """Of the slide that raises and lowers the reference frame, in the slide's own coordinate."""
 CLEARANCE = "clearance_m"
 """From the machine's outline to the nearest trunk; zero or less where they touch."""
+
+LEVEL_WITHIN_M = 0.030
+"""Ground, and an implement that makes it, counts as level within this (TD/T 1033-2012, as paper 002 cites it)."""
 
 COLLISION = "collision"
 """Why a run ended in which the machine touched a tree."""
@@ -330,6 +335,8 @@ class EstimatorSetup:
     """Of the machine that carries it; zero where nothing steers."""
     reference_x_m: float = 0.0
     """How far before the middle of the rear axle the reference frame is, with every joint at zero."""
+    planned_path: Path | None = None
+    """What the driver means to drive, for the middle of the axle that does not steer; None where nothing is planned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
