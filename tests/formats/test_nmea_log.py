@@ -18,7 +18,7 @@ from tests.formats.sentences import GSA, gga, gst, rmc, vtg, write_log
 from tests.sensors.motions import preset, sensor
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import COLUMNS
+from twin.formats.gnss_fixes import COLUMNS, neutral_sheet
 from twin.formats.logs import open_log
 from twin.formats.nmea import KNOT_M_S, framed
 from twin.signals import Measurement
@@ -357,6 +357,18 @@ def test_a_receiver_is_known_by_its_rate_and_its_best_quality(tmp_path: Path) ->
     assert (fixed.kind, fixed.columns) == ("gnss", COLUMNS)
     assert fixed.datasheet["position_noise_m"] < 0.05
     assert single.datasheet["position_noise_m"] > 1.0
+
+
+@pytest.mark.parametrize("quality", [4, 5, 2, 1])
+def test_a_neutral_data_sheet_has_names_that_simulated_ones_have(quality: int) -> None:
+    simulated = sensor(preset("rtk_f9p")).info.datasheet
+    neutral = neutral_sheet(quality)
+    assert set(neutral) <= set(simulated)
+    name = {4: "", 5: "float_", 2: "differential_", 1: "single_"}[quality]
+    assert neutral["position_correlated_sigma_m"] == neutral[f"{name}position_correlated_sigma_m"]
+    # the presets are of the same sources, a mean over the axes here and there
+    key = f"{name}position_correlated_sigma_m"
+    assert neutral[key] == pytest.approx(simulated[key], rel=0.6)
 
 
 @pytest.mark.parametrize("content", [b"", b"nothing\n" * 10, framed(gga("120000.00", quality=0)).encode(), b"\x00" * 9])
