@@ -1,4 +1,4 @@
-"""How well anybody could know where one pass lies beside another: the covariance of their difference with the true noise.
+"""How well anybody could know where one pass lies beside another: covariance of their difference, true noise given.
 
 Whatever an estimator tells on pass i and on pass j, the difference of its errors is the error of what it holds the
 displacement p_j - p_i to be; and nobody can know that better than E[p_j - p_i | all measured until j], the estimate of
