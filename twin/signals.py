@@ -59,6 +59,9 @@ STROKE = "stroke_m"
 CLEARANCE = "clearance_m"
 """From the machine's outline to the nearest trunk; zero or less where they touch."""
 
+LEVEL_WITHIN_M = 0.030
+"""Ground, and an implement that makes it, counts as level within this (TD/T 1033-2012, as paper 002 cites it)."""
+
 COLLISION = "collision"
 """Why a run ended in which the machine touched a tree."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.groundlog import GroundLog
 from twin.signals import NS_PER_S, FloatArray, IntArray
-from viz.relief import LIMIT_M
+from twin.world import survey
 from viz.scene import Scene
 
 MARGIN_M = 2.0
@@ -152,22 +152,12 @@ def levelled_field(scene: Scene) -> LevelledField | None:
 def flatness(scene: Scene, heights_m: FloatArray) -> tuple[float, float]:
     """S_d (m) and share within 30 mm of the mean, of the nodes of ground within the area to be levelled.
 
-    NaN where there are fewer than two. As in :mod:`twin.world.survey`.
+    NaN where there are fewer than two.
     """
     area = scene.levelling.area_m
     assert area is not None
-    ny, nx = heights_m.shape
-    east, north = scene.origin_m[0] + np.arange(nx) * scene.cell_m, scene.origin_m[1] + np.arange(ny) * scene.cell_m
-    spare = 1e-3 * scene.cell_m
-    inside = [
-        (places >= low - spare) & (places <= high + spare)
-        for places, low, high in ((north, area[1], area[3]), (east, area[0], area[2]))
-    ]
-    within = heights_m[np.ix_(*inside)]
-    if within.size < 2:
-        return math.nan, math.nan
-    off = np.abs(within - within.mean())
-    return float(within.std(ddof=1)), float(np.count_nonzero(off <= LIMIT_M) / off.size)
+    spread, _, share, _ = survey.flatness(survey.within(area, heights_m, scene.origin_m, scene.cell_m))
+    return spread, share
 
 
 def highest_ground(heights_m: FloatArray, log: GroundLog | None) -> FloatArray:

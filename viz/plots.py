@@ -13,21 +13,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.errors import TwinError
+from twin.families import FAMILIES
 from twin.scoring.ensemble import QUANTILES, quantiles
 from twin.signals import NS_PER_S
 from twin.stress import Point, StressResult, headline_metrics
 from viz import entities
 from viz.height_plots import FAMILY, draw_heights, physical_limit
 
-_TITLES = {
-    "row_speed_m_s": "Largest row-speed error [m/s]",
-    "row_position_m": "Largest row-position error [m]",
-    "position_m": "Horizontal position error [m]",
-    "heading_deg": "Heading error [deg]",
-    "speed_m_s": "Speed error [m/s]",
-    "yaw_rate_rad_s": "Yaw-rate error [rad/s]",
-}
-_DRAWN = ("row_speed_m_s", "row_position_m", "position_m", "heading_deg")
+_TITLES = {f"{family.name}_{family.unit}": family.title for family in FAMILIES if family.title}
+"""By the envelope's name."""
 _SMALLEST_SHOWN = 1e-3
 _MOST_PLOTS = 10
 _STYLE: Any = {
@@ -95,7 +89,7 @@ def _title(result: StressResult, point: Point) -> str:
 
 
 def _envelopes(result: StressResult, point: Point) -> Figure | None:
-    families = [name for name in _DRAWN if any(key.partition(".")[2] == name for key in point.envelopes)]
+    families = [name for name in _TITLES if any(key.partition(".")[2] == name for key in point.envelopes)]
     if not families:
         return None
     window = result.loaded.scenario.loss_window_s

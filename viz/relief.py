@@ -9,22 +9,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.signals import FloatArray
+from twin.signals import LEVEL_WITHIN_M, FloatArray
 
-LIMIT_M = 0.030
-"""Half width of the band in which a field counts as level."""
 FULL_M = 0.100
 """Height from which on the colour does not change any more."""
-TICKS_M = (FULL_M, LIMIT_M, 0.0, -LIMIT_M, -FULL_M)
+TICKS_M = (FULL_M, LEVEL_WITHIN_M, 0.0, -LEVEL_WITHIN_M, -FULL_M)
 """Heights that legends name."""
 
 _STOPS: tuple[tuple[float, tuple[int, int, int]], ...] = (
     (-FULL_M, (18, 42, 130)),
-    (-LIMIT_M, (110, 175, 235)),
-    (-LIMIT_M, (214, 226, 214)),
+    (-LEVEL_WITHIN_M, (110, 175, 235)),
+    (-LEVEL_WITHIN_M, (214, 226, 214)),
     (0.0, (244, 243, 226)),
-    (LIMIT_M, (240, 226, 196)),
-    (LIMIT_M, (244, 150, 100)),
+    (LEVEL_WITHIN_M, (240, 226, 196)),
+    (LEVEL_WITHIN_M, (244, 150, 100)),
     (FULL_M, (135, 12, 30)),
 )
 _LIMITS = np.array([height for height, _ in _STOPS])

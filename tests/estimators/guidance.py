@@ -43,9 +43,9 @@ ARM_M = (1.5, 0.1, 2.5)
 SHEET = {
     "gnss": {
         "position_noise_m": 2.5,
-        "position_correlated_sigma_m": 2.12,
-        "position_correlation_s": 1200.0,
-        "position_white_sigma_m": 0.05,
+        "single_position_correlated_sigma_m": 2.12,
+        "single_position_correlation_s": 1200.0,
+        "single_position_white_sigma_m": 0.05,
         "position_resolution_m": 0.0185,
         "speed_noise_m_s": 0.1,
         "speed_noise_ratio": 0.0,
@@ -53,12 +53,12 @@ SHEET = {
         "latency_s": 0.0,
     },
     "yaw_gyro": {
-        "gyro_noise_rad_s": 0.002,
-        "gyro_bias_rad_s": 0.005,
-        "gyro_bias_instability_rad_s": 0.0003,
-        "gyro_bias_correlation_s": 300.0,
-        "gyro_scale_error_ratio": 0.003,
+        "noise_rad_s": 0.002,
+        "bias_rad_s": 0.005,
+        "bias_random_walk_rad_s_rts": 2.4e-5,
+        "scale_error_ratio": 0.003,
     },
+    "angle_transducer": {"offset_sigma_rad": 0.02, "noise_rad": 0.01},
     "wheel_encoders": {"slots_per_turn": float(SLOTS), "missed_slot_probability": 0.0},
 }
 """Like a LEA-5S at a rate of 1 Hz, and a vibrating gyro."""
@@ -222,14 +222,14 @@ class Passes:
     def gnss_error(self) -> FloatArray:
         """(T, R, 2) correlated and white error of positions."""
         sheet, rng = self.sheet("gnss"), np.random.default_rng([self.seed, 2])
-        sigma, tau = sheet["position_correlated_sigma_m"], sheet["position_correlation_s"]
+        sigma, tau = sheet["single_position_correlated_sigma_m"], sheet["single_position_correlation_s"]
         keep = np.exp(-self.dt_s / tau)
         error = np.empty((self.steps, self.runs, 2))
         now = sigma * rng.normal(size=(self.runs, 2))
         for step in range(self.steps):
             now = keep * now + sigma * np.sqrt(1.0 - keep * keep) * rng.normal(size=(self.runs, 2))
             error[step] = now
-        return error + sheet["position_white_sigma_m"] * rng.normal(size=error.shape)
+        return error + sheet["single_position_white_sigma_m"] * rng.normal(size=error.shape)
 
     # --- what is measured --------------------------------------------------------------------------------------------
 
@@ -265,11 +265,11 @@ class Passes:
             ],
             axis=-1,
         )
-        bias = self._wander(rng, gyro["gyro_bias_instability_rad_s"], gyro["gyro_bias_correlation_s"]) + gyro[
-            "gyro_bias_rad_s"
-        ] * rng.normal(size=self.runs)
-        scale = 1.0 + gyro["gyro_scale_error_ratio"] * rng.normal(size=self.runs)
-        yaw_rate = scale * rate + bias + gyro["gyro_noise_rad_s"] * rng.normal(size=shape)
+        bias = gyro["bias_rad_s"] * rng.normal(size=self.runs)
+        walk = gyro["bias_random_walk_rad_s_rts"] * np.sqrt(self.dt_s)
+        bias = bias + walk * np.cumsum(rng.normal(size=shape), axis=0)
+        scale = 1.0 + gyro["scale_error_ratio"] * rng.normal(size=self.runs)
+        yaw_rate = scale * rate + bias + gyro["noise_rad_s"] * rng.normal(size=shape)
         wheel = 1.0 + self.slip_ratio * rng.normal(size=self.runs)
         ways = np.stack([speed - 0.5 * TRACK_M * rate, speed + 0.5 * TRACK_M * rate], axis=-1) * self.dt_s
         ways = ways * wheel[:, np.newaxis] * (1.0 + self.slip_noise * rng.normal(size=ways.shape))
@@ -289,14 +289,6 @@ class Passes:
             "radar": pace[..., np.newaxis],
             "odometry": np.stack([pace, yaw_rate], axis=-1),
         }
-
-    def _wander(self, rng: np.random.Generator, sigma: float, tau: float) -> FloatArray:
-        keep = np.exp(-self.dt_s / tau)
-        out, now = np.empty((self.steps, self.runs)), sigma * rng.normal(size=self.runs)
-        for step in range(self.steps):
-            now = keep * now + sigma * np.sqrt(1.0 - keep * keep) * rng.normal(size=self.runs)
-            out[step] = now
-        return out
 
     def measurements(self, step: int, member: int | None = None) -> Iterator[Measurement]:
         """What arrives at the end of a step, of all members or of one."""

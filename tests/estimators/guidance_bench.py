@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.signal import lfilter
 
 from tests.estimators.bench import gauss_markov
 from twin.geometry import Path
@@ -86,7 +87,8 @@ def drive(seed: int, *, bends: int = 4, stand_s: float = 20.0, wander_m_s2: floa
     lengths_s = rng.uniform(10.0, 20.0, bends + 1)
     dt = 1.0 / FINE_HZ
     curvature, phase = [np.zeros(round(lengths_s[0] / dt))], [_named(STRAIGHT, lengths_s[0])]
-    pieces = [(stand_m := speed * speed / 2.0 + lengths_s[0] * speed, 0.0)]
+    pieces = [(speed * speed / 2.0 + lengths_s[0] * speed, 0.0)]  # it starts at 1 m/s^2
+    steps = (np.arange(10) + 0.5) / 10.0
     for radius, angle, length_s in zip(radii, angles, lengths_s[1:], strict=True):
         hold_s = abs(angle) * radius / speed - STEERING_S
         ramp = np.linspace(0.0, 1.0, round(STEERING_S / dt), endpoint=False)
@@ -95,7 +97,10 @@ def drive(seed: int, *, bends: int = 4, stand_s: float = 20.0, wander_m_s2: floa
         entry_s = min(TRANSITION_S, STEERING_S + hold_s)
         phase += [_named(ENTRY, entry_s), _named(CURVE, STEERING_S + hold_s - entry_s)]
         phase += [_named(EXIT, TRANSITION_S), _named(STRAIGHT, STEERING_S + length_s - TRANSITION_S)]
-        pieces += [(abs(angle) * radius, np.sign(angle) / radius), (length_s * speed, 0.0)]
+        bend, step_m = np.sign(angle) / radius, STEERING_S * speed / len(steps)
+        pieces += [(step_m, bend * part) for part in steps]
+        pieces += [(hold_s * speed, bend)] if hold_s > 0.0 else []
+        pieces += [(step_m, bend * part) for part in steps[::-1]] + [(length_s * speed, 0.0)]
     bent = np.concatenate(curvature)
     start = round(stand_s / dt)
     gains = np.arange(1, round(speed / 1.0 / dt) + 1) * dt
@@ -104,18 +109,24 @@ def drive(seed: int, *, bends: int = 4, stand_s: float = 20.0, wander_m_s2: floa
     hand = gauss_markov(wander_m_s2, 1.0, dt, count=len(bent), runs=1, rng=rng)[:, 0] / speed**2
     turned = np.cumsum((bent + hand) * speeds * dt)
     middle = turned - 0.5 * (bent + hand) * speeds * dt
-    steps = np.stack([np.cos(middle), np.sin(middle)], axis=-1) * (speeds * dt)[:, np.newaxis]
+    ways = np.stack([np.cos(middle), np.sin(middle)], axis=-1) * (speeds * dt)[:, np.newaxis]
     names = np.concatenate([_named("", (start + len(gains)) * dt), *phase])
     count = min(len(names), len(bent))
-    assert stand_m > 0.0
     return Drive(
-        position=np.cumsum(steps, axis=0)[:count],
+        position=np.cumsum(ways, axis=0)[:count],
         heading=turned[:count],
         speed=speeds[:count],
         curvature=bent[:count],
         phase=names[:count],
         planned=Path(east_m=0.0, north_m=0.0, heading_rad=0.0, pieces=[(float(a), float(b)) for a, b in pieces]),
     )
+
+
+def _low_pass(values: np.ndarray, tau_s: float) -> np.ndarray:
+    if tau_s == 0.0:
+        return values
+    share = -np.expm1(-1.0 / (FINE_HZ * tau_s))
+    return lfilter([share], [1.0, share - 1.0], values)
 
 
 def _named(name: str, lasts_s: float) -> np.ndarray:
@@ -135,6 +146,8 @@ class Bench:
     white_m: float = 0.3
     common_m: float = 1.0
     wander_m_s2: float = 0.1
+    velocity_lag_s: float = 0.2
+    """Of the receiver's velocity, behind a filter of first order."""
     drives: list[Drive] = field(init=False)
     shifted: FloatArray = field(init=False)
     """(K, R, 2) track and common error at the fixes."""
@@ -166,10 +179,14 @@ class Bench:
 
     def fixes(self, members: slice = slice(None)) -> Iterable[Measurement]:
         rng = np.random.default_rng(7)
-        speeds, courses = self.at_fixes("speed"), self.at_fixes("heading")
-        noise = 0.05 * rng.standard_normal((2, *speeds.shape))
+        every = round(FINE_HZ / self.rate_hz)
+        true = [one.speed * np.exp(1j * one.heading) for one in self.drives]
+        lagged = np.stack(
+            [_low_pass(each, self.velocity_lag_s)[every - 1 :: every][: len(self.seen)] for each in true], 1
+        )
+        noise = 0.05 * rng.standard_normal((2, *lagged.shape))
         for k in range(len(self.seen)):
-            velocity = speeds[k] * np.exp(1j * courses[k]) + noise[0, k] + 1j * noise[1, k]
+            velocity = lagged[k] + noise[0, k] + 1j * noise[1, k]
             position = np.column_stack([self.seen[k], np.zeros(len(self.drives))])
             yield fix(
                 (k + 1) / self.rate_hz,
@@ -178,12 +195,10 @@ class Bench:
                 course=np.angle(velocity)[members],
             )
 
-    def errors(self, estimator: Estimator, members: slice = slice(None), others=lambda k: ()) -> FloatArray:
+    def errors(self, estimator: Estimator, members: slice = slice(None)) -> FloatArray:
         """(K, R, 2) of the estimated positions, just after each fix."""
         out = []
         for k, sample in enumerate(self.fixes(members)):
-            for other in others(k):
-                estimator.process(other)
             estimator.process(sample)
             out.append(estimator.estimate(sample.t_ns).values[:, :2] - self.shifted[k, members])
         return np.array(out)

@@ -210,7 +210,7 @@ def test_engines_and_members_agree(variant: str, steering_state: bool) -> None:
 @pytest.mark.parametrize("variant", ["published", "corrected"])
 def test_lesser_company_will_do(kinds: tuple[str, ...], variant: str) -> None:
     """With a receiver of a few centimetres, whatever else there is, it stays within what it smooths: 2 m, 0.6 rad."""
-    sheet = {"gnss": {"position_correlated_sigma_m": 0.01, "position_white_sigma_m": 0.01}}
+    sheet = {"gnss": {"single_position_correlated_sigma_m": 0.01, "single_position_white_sigma_m": 0.01}}
     world = Passes(kinds=kinds, sheets=sheet, length_m=40.0, passes=1, seed=2, steering_offset_rad=0.0)
     values, _, _ = drive(world, make(world.setup(), variant=variant))
     late = slice(200, None)
@@ -250,8 +250,7 @@ def test_it_cannot_take_away_the_receivers_wander() -> None:
     Driven to and fro, a station is passed again after a lag from some 10 to 80 s, so the difference has a variance of
     the mean of 2 sigma^2 (1 - exp(-lag / tau)), if gyro and wheels are as good as perfect, as here.
     """
-    gyro = {"gyro_noise_rad_s": 1e-4, "gyro_bias_rad_s": 1e-5, "gyro_bias_instability_rad_s": 1e-5}
-    gyro["gyro_scale_error_ratio"] = 0.0
+    gyro = {"noise_rad_s": 1e-4, "bias_rad_s": 1e-5, "bias_random_walk_rad_s_rts": 0.0, "scale_error_ratio": 0.0}
     world = Passes(runs=200, seed=11, sheets={"yaw_gyro": gyro}, slip_ratio=0.0, steering_offset_rad=0.0)
     values, _, _ = drive(world, make(world.setup()))
     seen = np.sqrt(np.mean(np.square(pass_to_pass(world, values[..., :2]))))

@@ -13,14 +13,14 @@ from tests.viz import levelling_run as made
 from tests.viz.reading import entities_of, scalars, series, texts, vectors
 from tests.viz.test_viewer import coloured, holds, opened, pixels
 from twin.recording import Recording
-from twin.signals import HEIGHT, NS_PER_S
+from twin.signals import HEIGHT, LEVEL_WITHIN_M, NS_PER_S
 from twin.world.survey import FieldSurvey
 from twin.world.terrain import Terrain
 from viz import entities
 from viz.check import empty_views, stored_views
 from viz.layers.load import wedge
 from viz.levelled import STEP_NS, flatness, highest_ground, levelled_field
-from viz.relief import FULL_M, LIMIT_M, height_colours, packed_colours
+from viz.relief import FULL_M, height_colours, packed_colours
 from viz.rrd import write_rrd
 from viz.scene import Scene
 from viz.terrain import Window, terrain_mesh
@@ -37,9 +37,9 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Scene, P
 
 
 def test_colours_show_the_limit_as_a_step_and_tell_high_from_low() -> None:
-    within = height_colours(np.linspace(-LIMIT_M, LIMIT_M, 61)).astype(int)
+    within = height_colours(np.linspace(-LEVEL_WITHIN_M, LEVEL_WITHIN_M, 61)).astype(int)
     assert within.min() > 190  # pale, all of it, both ends included
-    low, high = height_colours(np.array([-LIMIT_M - 1e-6, LIMIT_M + 1e-6])).astype(int)
+    low, high = height_colours(np.array([-LEVEL_WITHIN_M - 1e-6, LEVEL_WITHIN_M + 1e-6])).astype(int)
     assert np.abs(low - within[0]).max() > 60
     assert np.abs(high - within[-1]).max() > 60
     assert low[2] > low[0] + 60  # blue

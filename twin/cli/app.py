@@ -38,6 +38,9 @@ def run(  # noqa: PLR0917  (typer makes options of them)
     out: Out = Path("runs"),
     rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer.")] = True,
     junit: Annotated[Path | None, typer.Option(help="Write a JUnit report to this file.")] = None,
+    nmea: Annotated[
+        Path | None, typer.Option(help="Write what each receiver would have sent, as NMEA files below this folder.")
+    ] = None,
     estimator: Plugins = None,
     update_baselines: Annotated[bool, typer.Option(help="Rewrite the baselines that moved.")] = False,
     full_rate: Annotated[bool, typer.Option("--full-rate", help="Keep the truth of every physics step.")] = False,
@@ -53,6 +56,7 @@ def run(  # noqa: PLR0917  (typer makes options of them)
         out=out,
         rrd=rrd,
         junit=junit,
+        nmea=nmea,
         estimators=tuple(estimator or ()),
         update_baselines=update_baselines,
         full_rate=full_rate,

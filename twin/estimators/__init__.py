@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.guidance_filter import GuidanceFilter, GuidanceFilterConfig
 from twin.estimators.guidance_gps import GuidanceGps, GuidanceGpsConfig
 from twin.estimators.guidance_imm import GuidanceImm, GuidanceImmConfig
 from twin.estimators.guidance_kinematic import GuidanceKinematic, GuidanceKinematicConfig
@@ -35,6 +36,7 @@ __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
+    "GuidanceFilterConfig",
     "GuidanceGpsConfig",
     "GuidanceImmConfig",
     "GuidanceKinematicConfig",
@@ -64,7 +66,9 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-GuidanceUnion = GuidanceGpsConfig | GuidancePvConfig | GuidanceKinematicConfig | GuidanceImmConfig
+GuidanceUnion = (
+    GuidanceGpsConfig | GuidancePvConfig | GuidanceFilterConfig | GuidanceKinematicConfig | GuidanceImmConfig
+)
 AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | GuidanceUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
@@ -108,6 +112,8 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return GuidanceGps(config, setup)
         case GuidancePvConfig():
             return GuidancePv(config, setup)
+        case GuidanceFilterConfig():
+            return GuidanceFilter(config, setup)
         case GuidanceKinematicConfig():
             return GuidanceKinematic(config, setup)
         case GuidanceImmConfig():

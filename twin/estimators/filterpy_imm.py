@@ -26,9 +26,9 @@ class FilterpyImm:
     def restore(self, modes: Modes) -> None:
         """Go on from other states."""
         filters = []
-        for x, P in zip(modes.x[0], modes.P[0], strict=True):
-            one = KalmanFilter(dim_x=self._H.shape[1], dim_z=self._H.shape[0])
-            one.x, one.P, one.H = x.copy(), P.copy(), self._H
+        for x, P, H in zip(modes.x[0], modes.P[0], self._H, strict=True):
+            one = KalmanFilter(dim_x=H.shape[1], dim_z=H.shape[0])
+            one.x, one.P, one.H = x.copy(), P.copy(), H
             filters.append(one)
         self._imm = IMMEstimator(filters, modes.mu[0], np.eye(len(filters)))
 

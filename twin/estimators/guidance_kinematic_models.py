@@ -43,8 +43,7 @@ P_, V_, A_ = slice(0, 3), slice(3, 6), slice(6, 9)
 
 def on_axes(block: FloatArray, axes: int = AXES) -> FloatArray:
     """Matrices (..., n axes, n axes) of several axes that all have the matrix ``block`` (..., n, n)."""
-    whole: FloatArray = np.kron(block, np.eye(axes))
-    return whole
+    return np.asarray(np.kron(block, np.eye(axes)), dtype=np.float64)
 
 
 def transition(dt_s: FloatArray, *, orders: int = 3) -> FloatArray:

@@ -58,4 +58,5 @@ class AntennaPose:
             sine * self._forward + cosine * self._left,
             np.full(len(heading), self._up),
         ]
-        return antenna - np.stack(arm, axis=-1)
+        place: FloatArray = antenna - np.stack(arm, axis=-1)
+        return place

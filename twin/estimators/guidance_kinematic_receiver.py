@@ -67,6 +67,7 @@ class Receiver:
         self.gives_up = POSITION[2] in self.info.columns
         self._position: Places = column_places(self.info, POSITION[: 3 if self.gives_up else 2], setup=setup)
         self._told = {name: self.info.columns.index(name) for name in _OPTIONAL if name in self.info.columns}
+        self.tells_velocity = {SPEED_COLUMN, "course_rad"} <= set(self.info.columns)
         self._newest: IntArray = np.full(setup.runs, NEVER)
         noise = self.info.datasheet.get("speed_noise_m_s", 0.0)
         self.moving_m_s = max(_LEAST_MOVING_M_S, _NOISES * noise)

@@ -2,12 +2,15 @@
 
 Each member has a *held* branch, which the estimate is taken from, and at times a *candidate*. A fix goes
 
-- straight into the held branch if it agrees with it (Mahalanobis gate) and there is nothing to prove: fixes have come
-  without a break, or the held branch knows so well where it is that whatever passes the gate is within
-  ``harmless_m``, or it does not know at all;
+- straight into the held branch if it agrees with it (Mahalanobis gate) and there is nothing to prove: no fix has been
+  refused since fixes were last believed, and they have come without a break, or the held branch knows so well where it
+  is that whatever passes the gate is within ``harmless_m``; or it does not know at all;
 - otherwise into the candidate, which is the held branch with the fixes since then. A receiver that has just found its
-  fix again, or has been fixed wrongly, gives fixes that agree with one another: only time tells. The candidate takes
-  the held one's place when its fixes have agreed for ``probation_s``. A fix that does not agree with it starts it anew.
+  fix again, or has been fixed wrongly, gives fixes that agree with one another: only time tells. So it is with one
+  whose fixes have been refused. The candidate takes the held one's place when its fixes have agreed for
+  ``probation_s``; a fix that does not agree with it, or agrees with the held branch instead, starts it anew. A
+  receiver's height that has not moved since it was refused (a stuck output is right whenever the implement comes by,
+  and for longer when it rests there) has to agree as long as one that contradicts.
 
 A candidate whose first fix contradicts the held branch is *contrary*: it begins without the held height, and has to
 last ``patience_s``, since a wrong fix may last for many seconds, or, if that is shorter, as long as the fixes
@@ -42,13 +45,15 @@ from twin.estimators.height_filter_model import (
 from twin.estimators.height_filter_profile import ProfileAid, ProfileState
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_tilt import LevelFilter, LevelSnapshot
-from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
+from twin.signals import LEVEL_WITHIN_M, NS_PER_S, BoolArray, FloatArray, IntArray
 
 WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
 """Modes: no fix yet; fixes are used; none is; fixes are on probation; fixes contradict what is held."""
 _NEVER = -(2**62)
 _ANY_ERROR = 100.0
 """Of a coarse position of which nothing is known, in standard deviations."""
+_DIGITS = 10.0
+"""The range of some hundred samples of white noise is 5.5 to 6.5 standard deviations."""
 _VAGUE_M = 10.0
 """Whoever knows the height no better than this has nothing to lose."""
 
@@ -60,7 +65,7 @@ class GatesConfig(Config):
     """Half the width of the gates, in standard deviations of the innovation."""
     unbroken_s: NonNegative = 0.35
     """Fixes that follow one another so fast come without a break: at 10 Hz two may be lost."""
-    harmless_m: NonNegative = 0.03
+    harmless_m: NonNegative = LEVEL_WITHIN_M
     """A gate narrower than this does no harm, whatever passes it: the limit for levelling (TD/T 1033-2012)."""
     probation_s: NonNegative = 1.2
     """How long fixes have to agree before they are believed again."""
@@ -80,6 +85,12 @@ class Beliefs:
     """When a fix was last used in the held branch."""
     since_ns: IntArray
     """Since when fixes have borne it out."""
+    doubted: BoolArray
+    """Whether a fix has been refused since fixes were last believed."""
+    lowest_m: FloatArray
+    """Lowest of the receiver's own heights since then."""
+    highest_m: FloatArray
+    """The highest."""
     on_trial: BoolArray
     """Whether there is a candidate."""
     contrary: BoolArray
@@ -99,7 +110,8 @@ class Beliefs:
     def none(cls, runs: int) -> Beliefs:
         """Before anything was heard."""
         never, no = np.full(runs, _NEVER, dtype=np.int64), np.zeros(runs, dtype=np.bool_)
-        return cls(never, never, no, no, never, never, np.full(runs, np.nan), never, never)
+        unknown = np.full(runs, np.nan)
+        return cls(never, never, no, unknown, unknown, no, no, never, never, unknown, never, never)
 
 
 Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, LevelSnapshot | None, ProfileState | None]
@@ -172,8 +184,9 @@ class Branches:
         trial = np.where(beliefs.contrary, CONTRADICTED, PROBATION)
         # a fix is as old as its latency; half a second later it is missing
         tracking = t_ns - beliefs.used_ns <= self._unbroken_ns + NS_PER_S // 2
-        known = np.where(tracking, TRACKING, np.where(beliefs.on_trial, trial, COASTING))
-        modes: IntArray = np.where((beliefs.used_ns == _NEVER) & ~beliefs.on_trial, WAITING, known).astype(np.int64)
+        on_trial = beliefs.on_trial & (t_ns - beliefs.heard_ns <= self._memory_ns + NS_PER_S // 2)
+        known = np.where(tracking, TRACKING, np.where(on_trial, trial, COASTING))
+        modes: IntArray = np.where((beliefs.used_ns == _NEVER) & ~on_trial, WAITING, known).astype(np.int64)
         return modes
 
     # --- what the receiver says --------------------------------------------------------------------------------------
@@ -291,16 +304,26 @@ class Branches:
         vague = self.held.P[:, H, H] > _VAGUE_M**2
         narrow = self._gate * S <= gates.harmless_m**2
         unbroken = t_ns - beliefs.used_ns <= self._unbroken_ns
-        straight = fixed & passed & (narrow | unbroken | vague)
+        straight = fixed & passed & ((narrow | unbroken) & ~beliefs.doubted | vague)
         since = np.where(straight & vague, t_ns, beliefs.since_ns)
         used_ns = np.where(straight, t_ns, beliefs.used_ns)
         on_trial = beliefs.on_trial & ~straight
         self.beliefs = replace(beliefs, used_ns=used_ns, since_ns=since, on_trial=on_trial)
+        self._doubt(reading, refused=fixed & ~passed, believed=straight)
         tried = fixed & ~straight
         if tried.any():
             self._try(reading, observation, z, tried=tried, contrary=~passed)
         if straight.any():
             self.held.update(observation, z[:, np.newaxis], straight, observation.R)
+
+    def _doubt(self, reading: FixReading, *, refused: BoolArray, believed: BoolArray) -> None:
+        """Keep in mind that fixes have been refused, and between which heights they have been since."""
+        beliefs, z = self.beliefs, reading.height_m
+        begins = refused & ~beliefs.doubted
+        low = np.where(begins, z, np.where(reading.fixed, np.fmin(beliefs.lowest_m, z), beliefs.lowest_m))
+        high = np.where(begins, z, np.where(reading.fixed, np.fmax(beliefs.highest_m, z), beliefs.highest_m))
+        doubted = (beliefs.doubted | refused) & ~believed
+        self.beliefs = replace(beliefs, doubted=doubted, lowest_m=low, highest_m=high)
 
     def _fix(self, reading: FixReading) -> SumOfStates:
         sheet, layout = self._receiver.fix, self.motion.layout
@@ -317,7 +340,9 @@ class Branches:
         """Let fixes into the candidate where ``tried``; start it anew where they do not agree with it."""
         t_ns, beliefs = reading.t_ns, self.beliefs
         y, S = observation.innovation(self.candidate.x, self.candidate.P, z)
-        anew = tried & ~(beliefs.on_trial & (np.square(y) <= self._gate * S))
+        # what agrees with the held branch is no witness of a candidate that contradicts it
+        deserted = beliefs.contrary & ~contrary
+        anew = tried & ~(beliefs.on_trial & ~deserted & (np.square(y) <= self._gate * S))
         if anew.any():
             self._copy(self.held, self.candidate, anew)
             if (anew & contrary).any():
@@ -338,8 +363,13 @@ class Branches:
     def _needed_ns(self, beliefs: Beliefs) -> IntArray:
         borne_out = np.where(beliefs.used_ns == _NEVER, 0, beliefs.used_ns - beliefs.since_ns)
         contrary = np.clip(borne_out, self._probation_ns, self._patience_ns)
-        needed: IntArray = np.where(beliefs.contrary, contrary, self._probation_ns)
+        needed: IntArray = np.where(beliefs.contrary | self._stands_still(beliefs), contrary, self._probation_ns)
         return needed
+
+    def _stands_still(self, beliefs: Beliefs) -> BoolArray:
+        """(R,) whether the receiver's height has not moved by more than its digits since its fixes were refused."""
+        moved = beliefs.highest_m - beliefs.lowest_m > _DIGITS * self._receiver.fix.white_m
+        return beliefs.doubted & ~moved
 
     def _promote(self, won: BoolArray, observation: SumOfStates, z: FloatArray, t_ns: int) -> None:
         beliefs = self.beliefs
@@ -351,6 +381,7 @@ class Branches:
             beliefs,
             used_ns=np.where(won, t_ns, beliefs.used_ns),
             since_ns=np.where(won & ~same_level, beliefs.trial_ns, beliefs.since_ns),
+            doubted=beliefs.doubted & ~won,
             on_trial=beliefs.on_trial & ~won,
         )
 

@@ -110,7 +110,7 @@ class ImmEngine(Protocol):
 
 
 def make_imm(name: EngineName, H: FloatArray, modes: Modes) -> ImmEngine:
-    """Return an engine that measures H x, H (m, n), and starts from ``modes``.
+    """Return an engine whose modes j measure H_j x, H (N, m, n), and that starts from ``modes``.
 
     Raises:
         ValueError: the filterpy engine was asked for more than one run.
@@ -140,13 +140,15 @@ class EnsembleImm:
     def update(self, z: FloatArray, R: FloatArray, mask: BoolArray) -> None:
         """Update the members where ``mask`` is True."""
         H, before = self._H, self.modes
-        y = np.where(mask[:, np.newaxis, np.newaxis], z[:, np.newaxis] - np.matmul(before.x, H.T), 0.0)
+        told = np.where(mask[:, np.newaxis], z, 0.0)[:, np.newaxis]
+        y = told - np.einsum("jmn,rjn->rjm", H, before.x)
+        HT = H.swapaxes(-1, -2)
         noise = (R[:, :, np.newaxis] * np.eye(R.shape[1]))[:, np.newaxis]
-        PHt = np.matmul(before.P, H.T)
+        PHt = np.matmul(before.P, HT)
         S = np.matmul(H, PHt) + noise
         inverse = np.linalg.inv(S)
         K = np.matmul(PHt, inverse)
-        rest = np.eye(H.shape[1]) - np.matmul(K, H)
+        rest = np.eye(H.shape[2]) - np.matmul(K, H)
         P = np.matmul(np.matmul(rest, before.P), rest.swapaxes(-1, -2))
         P = P + np.matmul(np.matmul(K, noise), K.swapaxes(-1, -2))
         nis = np.einsum("rjm,rjmk,rjk->rj", y, inverse, y)

@@ -22,6 +22,7 @@ from twin.scenario.model import (
     Scenario,
     ScoringConfig,
     WorldConfig,
+    place_key,
     unknown,
 )
 
@@ -44,6 +45,7 @@ __all__ = [
     "loads",
     "merge",
     "parse_setting",
+    "place_key",
     "read_toml",
     "resolve",
     "unknown",

@@ -11,13 +11,18 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin import paths
 from twin.config import Config, Names, NonNegative, Positive, Probability
 from twin.control import DriverConfigUnion, ImplementConfigUnion, PathDriverConfig, ReciprocationConfig
+from twin.control.path_plan import Segment, tightest_m
+from twin.control.planned_legs import PlannedLeg, planned_legs
 from twin.control.seed_metering import SeedingConfig
+from twin.coverage import CoverageConfig
 from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.families import LIMITED
 from twin.formats.geodetic import Origin
+from twin.formats.nmea_style import NmeaStyle
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
+from twin.sensors.triggers import sources
 from twin.signals import JointNeed, Listening
 from twin.validation import did_you_mean
 from twin.world import (
@@ -139,6 +144,26 @@ class ScoringConfig(Config):
     reference: str | None = None
     """Estimator from which the others' difference is measured too, ``row_speed.mean_abs_difference_m_s``: what a paper
     without a truth took for it."""
+    guidance: bool | None = None
+    """Whether also to measure what guidance along lines is judged by: ``cross_track.rmse_m``, ``pass_to_pass.p95_m``,
+    ``step.smallest_e_m`` and others. By default where there is a ``[coverage]``, or an estimator of a ``guidance_``
+    kind."""
+    places: Names = ()
+    """Names of segments of the driver's path (their ``label``, if they have one) for each of which the deviation of
+    every estimated position is told: ``place.<name>.sigma_e_m`` and others."""
+
+    @field_validator("places")
+    @classmethod
+    def _places_with_names_of_their_own(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        told: dict[str, str] = {}
+        for place in value:
+            key = place_key(place)
+            if not key:
+                raise ValueError(f"places: {place!r} has no letter or digit to name metrics by")
+            if key in told:
+                raise ValueError(f"places: {told[key]!r} and {place!r} would both be {key!r} in metrics")
+            told[key] = place
+        return value
 
     @field_validator("limits")
     @classmethod
@@ -147,6 +172,11 @@ class ScoringConfig(Config):
             if name not in LIMITED:
                 raise ValueError(unknown(name, LIMITED, "family"))
         return value
+
+
+def place_key(place: str) -> str:
+    """How metrics name a place: in small letters and digits."""
+    return re.sub(r"[^a-z0-9]+", "_", place.lower()).strip("_")
 
 
 class RecordingConfig(Config):
@@ -201,10 +231,14 @@ class Scenario(Config):
     """Sensors by name; each names a preset, or a kind with all its values."""
     estimators: dict[str, EstimatorConfigUnion] = Field(default_factory=dict)
     """Estimators by name."""
+    coverage: CoverageConfig | None = None
+    """The area to be worked once everywhere, and how wide; without it no overlap and no skip is counted."""
     seeding: SeedingConfig | None = None
     """What the row units plant; without it no seed is metered."""
     bus: dict[str, BusConfig] = Field(default_factory=dict)
     """CAN buses whose load is worked out, by name; they have no effect on the run."""
+    nmea: dict[str, NmeaStyle] = Field(default_factory=dict)
+    """How receivers write their sentences, by sensor; of the others position_resolution_m and the states decide."""
     scoring: ScoringConfig = ScoringConfig()
     recording: RecordingConfig = RecordingConfig()
     published: dict[str, float] = Field(default_factory=dict)
@@ -241,6 +275,15 @@ class Scenario(Config):
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
         return self
 
+    @model_validator(mode="after")
+    def _triggers_exist(self) -> Self:
+        for name in self.sensors:
+            try:
+                sources(name, self.sensors)
+            except BadInputError as error:
+                raise ValueError(str(error)) from None
+        return self
+
     def _require_joints(self, need: JointNeed, key: str) -> None:
         joints, wanted = self.machine.joints, "slide" if need.slides else "hinge"
         for joint in need.joints:
@@ -268,9 +311,22 @@ class Scenario(Config):
         return self
 
     @model_validator(mode="after")
+    def _receivers_write(self) -> Self:
+        for name, style in self.nmea.items():
+            for key, sensor, kind, what in (
+                (f"nmea.{name}", name, "gnss", "GNSS receiver"),
+                (f"nmea.{name}.imu", style.imu, "ahrs", "attitude reference"),
+            ):
+                fitting = [each for each, config in self.sensors.items() if config.kind == kind]
+                if sensor is not None and sensor not in fitting:
+                    raise ValueError(f"{key}: {unknown(sensor, fitting, what)}")
+        return self
+
+    @model_validator(mode="after")
     def _controllers_hear(self) -> Self:
         for section, controller in self.controllers.items():
-            listens, keys = controller.listens, {value: key for key, value in controller if isinstance(value, str)}
+            listens = controller.listens
+            keys = {value: key for key, value in controller if isinstance(value, str) and key != "kind"}
             heard: tuple[tuple[str, Mapping[str, Any], tuple[str, ...]], ...] = (
                 ("estimator", self.estimators, listens.estimators),
                 ("sensor", self.sensors, listens.sensors),
@@ -312,6 +368,17 @@ class Scenario(Config):
         return self
 
     @model_validator(mode="after")
+    def _path_is_known(self) -> Self:
+        for key, wanted in (("coverage", self.coverage is not None), ("scoring.places", bool(self.scoring.places))):
+            if wanted and not isinstance(self.driver, PathDriverConfig):
+                raise ValueError(f"{key}: only a driver of kind 'path' has segments; this one is {self.driver.kind!r}")
+        known = {leg.name: None for leg in self.planned_legs}
+        for place in self.scoring.places:
+            if place not in known:
+                raise ValueError(f"scoring.places: {unknown(place, known, 'segment')}")
+        return self
+
+    @model_validator(mode="after")
     def _driver_can(self) -> Self:
         if self.machine.fixed != isinstance(self.driver, ReciprocationConfig):
             wants = "is a bench: its driver is of kind 'reciprocation'" if self.machine.fixed else "is no bench"
@@ -321,13 +388,20 @@ class Scenario(Config):
         if not isinstance(self.driver, PathDriverConfig):
             kind = self.driver.kind
             raise ValueError(f"driver.kind: {kind!r} turns on the spot, which a {self.machine.kind} cannot")  # noqa: TRY004
-        for segment in self.driver.path:
-            if segment.spin_deg is not None:
+        if self.driver.listens.closes_loop and self.machine.reference_swings:
+            body, root = self.machine.reference.body, self.machine.root
+            raise ValueError(
+                f"driver.follows: estimates are of a frame on {body!r}, which swings about the machine that is to be"
+                f" steered; put machine.bar on {root!r}, or follow 'truth'"
+            )
+        for entry in self.driver.path:
+            if isinstance(entry, Segment) and entry.spin_deg is not None:
                 raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
-            if segment.radius_m is not None and segment.radius_m < _TIGHTEST_STEERED_M:
+            radius_m, key = tightest_m(entry), "radius_m" if isinstance(entry, Segment) else "turn_radius_m"
+            if radius_m is not None and radius_m < _TIGHTEST_STEERED_M:
                 raise ValueError(
-                    f"driver.path: radius_m = {segment.radius_m:g}: a {self.machine.kind} turns on"
-                    f" {_TIGHTEST_STEERED_M:g} m or more"
+                    f"driver.path: {key} = {radius_m:g}: a {self.machine.kind} turns on {_TIGHTEST_STEERED_M:g} m or"
+                    " more"
                 )
         return self
 
@@ -362,6 +436,20 @@ class Scenario(Config):
                 f" at most {_LARGEST_RECORDING_BYTES / 1e9:.0f} GB are allowed"
             )
         return self
+
+    @property
+    def judges_guidance(self) -> bool:
+        """Whether errors across the track and between passes are measured."""
+        if self.scoring.guidance is not None:
+            return self.scoring.guidance
+        return self.coverage is not None or any(each.kind.startswith("guidance_") for each in self.estimators.values())
+
+    @property
+    def planned_legs(self) -> list[PlannedLeg]:
+        """What a path driver does, by the truth's column ``segment``; nothing of other drivers."""
+        if not isinstance(self.driver, PathDriverConfig):
+            return []
+        return planned_legs(self.driver, self.machine.vehicle_start)
 
     @property
     def loss_window_s(self) -> tuple[float, float] | None:

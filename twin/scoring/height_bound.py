@@ -29,7 +29,7 @@ from twin.scenario import Scenario
 from twin.scoring.height_supply import Fixes, Lesser, Seen, supply_of
 from twin.sensors.ahrs import AhrsConfig
 from twin.sensors.gnss_config import GnssConfig
-from twin.signals import FloatArray
+from twin.signals import LEVEL_WITHIN_M, FloatArray
 
 _H, _V, _B, _C, _D, _S, _SIZE = range(7)
 """Lesser states' errors come after these."""
@@ -37,8 +37,6 @@ _LONGEST_S, _CHECKED_S, _SETTLED = 3000.0, 50.0, 1e-3
 """The steady state is looked for so long; it is found when b changes by less than that share in so long."""
 _CYCLE_S = 1.0
 """Ages of corrections repeat after this."""
-_LIMIT_M = 0.03
-"""For levelling, TD/T 1033-2012."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,7 +215,7 @@ def metrics(scenario: Scenario) -> dict[str, FloatArray]:
     bound = scenario_bound(scenario, scenario.estimators[estimator].sensors)
     if bound is None:
         return {name: np.array([math.nan]) for name in names(scenario)}
-    figures = [1e3 * bound.sigma_tracking_m, 1e3 * bound.sigma_at_end_m, bound.time_within_s(_LIMIT_M)]
+    figures = [1e3 * bound.sigma_tracking_m, 1e3 * bound.sigma_at_end_m, bound.time_within_s(LEVEL_WITHIN_M)]
     return {name: np.array([figure]) for name, figure in zip(names(scenario), figures, strict=False)}
 
 

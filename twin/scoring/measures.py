@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from twin.families import FAMILIES, Family, family_named
+from twin.families import CROSS_TRACK, FAMILIES, Family, family_named
 from twin.signals import POSITION, FloatArray, row_position, row_speed
 
 Reduction = Literal["mean", "max", "rms", "p95", "last", "time_to"]
@@ -36,6 +36,8 @@ class Measure:
     reduction: Reduction
     limit: float = 0.0
     """For ``time_to``: the time from the loss until the signal first exceeds this, s (inf: not before its end)."""
+    across: bool = False
+    """Made of the offset across the driven track alone, (T, R, 1), which is known later than other errors."""
     envelope: str = ""
     """Name, with its unit, under which the signal's quantiles over many members are kept at each instant."""
 
@@ -162,7 +164,8 @@ def signed_signal(column: int, factor: float) -> Signal:
 def _of_one_column(columns: list[str], family: Family, limits: Mapping[str, float], lossy: bool) -> list[Measure]:
     if family.column not in columns:
         return []
-    at, factor = columns.index(family.column), family.factor
+    across = family.column == CROSS_TRACK
+    at, factor = 0 if across else columns.index(family.column), family.factor
     signed = signed_signal(at, factor)
 
     def size(errors: Errors) -> FloatArray:
@@ -183,4 +186,4 @@ def _of_one_column(columns: list[str], family: Family, limits: Mapping[str, floa
     if family.tolerance is not None and lossy:
         limit = family.tolerance.error
         measures.append(Measure(name=family.time_to_tolerance, signal=size, reduction="time_to", limit=limit))
-    return measures + _time_to(family, size, limits)
+    return [replace(measure, across=across) for measure in [*measures, *_time_to(family, size, limits)]]

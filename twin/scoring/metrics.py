@@ -1,14 +1,14 @@
 """Metrics of estimates against the truth, matched by column name.
 
-A metric is named ``<estimator>.<family>.<what>_<unit>``. Errors are estimate minus truth at the times that both
-streams have, from ``scoring.from_s`` on. Phases: the whole run, ``turns`` (true yaw rate beyond
-``scoring.turning_rad_s``) and ``straights`` (the rest); where a sensor has a fault with a time window also ``loss`` (in
-the window) and ``after`` (from its end on). How fast an estimate follows a change of speed is measured apart
-(:mod:`twin.scoring.ramps`), and so is the difference from an estimate that a paper took for the truth
-(:mod:`twin.scoring.against`), what happens when fixes come back after a loss (:mod:`twin.scoring.reacquisition`), and
-whether an estimate is as wrong as it says (:mod:`twin.scoring.honesty`), where a scenario asks for it. Names are known
-before a run (:func:`metric_names`), so that a check on a metric that cannot exist is refused before anything is
-simulated.
+A metric is named ``<estimator>.<family>.<what>_<unit>``. Errors are estimate minus truth at the times that both streams
+have, from ``scoring.from_s`` on. Phases: the whole run, ``turns`` (true yaw rate beyond ``scoring.turning_rad_s``) and
+``straights`` (the rest); where a sensor has a fault with a time window also ``loss`` (in the window) and ``after``
+(from its end on). How fast an estimate follows a change of speed is measured apart (:mod:`twin.scoring.ramps`), and so
+is the difference from an estimate that a paper took for the truth (:mod:`twin.scoring.against`), what happens when
+fixes come back after a loss (:mod:`twin.scoring.reacquisition`), whether an estimate is as wrong as it says
+(:mod:`twin.scoring.honesty`), and what guidance along lines is judged by (:mod:`twin.scoring.guidance`), where a
+scenario asks for it. Names are known before a run (:func:`metric_names`), so that a check on a metric that cannot exist
+is refused before anything is simulated.
 
 A recording may be scored whole, or in pieces as it is made (:class:`twin.scoring.scorer.Scorer`), so that an ensemble
 need not be kept. Values are arrays over the ensemble axis, shape (R,): NaN where a phase did not occur or an estimate
@@ -23,7 +23,7 @@ import numpy as np
 
 from twin.recording import Recording, hidden_stream
 from twin.scenario import Scenario
-from twin.scoring import against, bus
+from twin.scoring import against, bus, guidance
 from twin.scoring.honesty import names as honesty_names
 from twin.scoring.honesty import pooled_metrics
 from twin.scoring.motion import motion_metrics, motion_names
@@ -56,6 +56,7 @@ def metric_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
         names += [f"{estimator}.{name}" for name in reacquisition_names(scenario, truth, columns)]
         if against.shared_rows(scenario, estimator, estimates):
             names.append(f"{estimator}.{against.NAME}")
+        names += [f"{estimator}.{name}" for name in guidance.names(scenario, truth, columns)]
     return names + pooled_names(scenario, truth, estimates) + bus.metric_names(scenario)
 
 
@@ -63,7 +64,7 @@ def pooled_names(scenario: Scenario, truth: Sequence[str], estimates: Mapping[st
     """Names of those metrics that are one figure of all members together."""
     names: list[str] = []
     for estimator, columns in estimates.items():
-        family = tolerated_family(truth, columns)
+        family = tolerated_family(scenario, truth, columns)
         if family is not None:
             names += [f"{estimator}.{name}" for name in honesty_names(scenario, family)]
     return names

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.recording import Stream
 from twin.scenario import Scenario
-from twin.scoring import height_bound, lane, levelling
+from twin.scoring import guidance, height_bound, lane, levelling
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import row_numbers
 from twin.scoring.phases import phases
@@ -22,7 +22,8 @@ def motion_names(scenario: Scenario, columns: Sequence[str]) -> list[str]:
     """Names of :func:`motion_metrics` of a run with these truth columns."""
     bounds = [f"bound.{name}" for name in _bound_names(scenario, columns)]
     machine = [f"truth.{name}" for name in _motion_names(columns)]
-    return [*machine, *lane.names(columns), *levelling.names(columns), *bounds, *height_bound.names(scenario)]
+    kept = [*lane.names(columns), *levelling.names(columns), *guidance.machine_names(scenario, columns)]
+    return [*machine, *kept, *bounds, *height_bound.names(scenario)]
 
 
 def _motion_names(columns: Sequence[str]) -> list[str]:
@@ -40,6 +41,7 @@ def motion_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
     """
     turned = _turned(truth, scenario) if truth.has(YAW_RATE) else {}
     kept = lane.metrics(truth, scenario) | levelling.metrics(truth, scenario)
+    kept |= guidance.machine_metrics(truth, scenario)
     bounds = (_bounds(truth, scenario) if truth.has(YAW_RATE) else {}) | height_bound.metrics(scenario)
     return turned | kept | bounds
 

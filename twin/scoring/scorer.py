@@ -7,11 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from twin.control import PathDriverConfig
-from twin.families import Family, tolerated
+from twin.families import CROSS_TRACK, Family, tolerated
 from twin.recording import Stream
 from twin.scenario import Scenario
-from twin.scoring import against, consistency, ramps
+from twin.scoring import against, consistency, guidance, ramps
 from twin.scoring.compared import Compared, as_rows, claimed_sigma, compare, sampled_nees, shared_columns
+from twin.scoring.cross_track import CrossTrack, CrossTrackErrors
+from twin.scoring.driven_track import DrivenTrack
+from twin.scoring.guidance import GuidanceScorer
 from twin.scoring.honesty import Honesty
 from twin.scoring.measures import Measure, Signal, measures_of
 from twin.scoring.phases import phase_names, phases
@@ -19,7 +22,7 @@ from twin.scoring.reacquisition import FirstFixes
 from twin.scoring.seeds import SeedScorer, counted_rows
 from twin.scoring.tallies import MeanOfKnown, Tally
 from twin.scoring.tolerance import ToleranceScorer, reacquisition_figures
-from twin.signals import SPEED, FloatArray, IntArray, nanoseconds
+from twin.signals import SPEED, BoolArray, FloatArray, IntArray, nanoseconds
 
 Watch = Callable[[str, IntArray, FloatArray], None]
 """Is shown error signals: name, times (T,), values (T, R)."""
@@ -29,7 +32,7 @@ def estimator_measures(scenario: Scenario, truth: Sequence[str], estimate: Seque
     """Measures of an estimator with these columns."""
     lossy = scenario.loss_window_s is not None
     return measures_of(
-        shared_columns(truth, estimate),
+        guidance.judged_columns(scenario, truth, estimate),
         counted_rows=scenario.scoring.rows,
         limits=scenario.scoring.limits if lossy else {},
         lossy=lossy,
@@ -56,14 +59,14 @@ def ramp_names(scenario: Scenario, truth: Sequence[str], estimate: Sequence[str]
     return ramps.NAMES if asked and SPEED in shared_columns(truth, estimate) else ()
 
 
-def tolerated_family(truth: Sequence[str], estimate: Sequence[str]) -> Family | None:
+def tolerated_family(scenario: Scenario, truth: Sequence[str], estimate: Sequence[str]) -> Family | None:
     """The family by whose tolerance an estimator is judged."""
-    return tolerated(shared_columns(truth, estimate))
+    return tolerated(guidance.judged_columns(scenario, truth, estimate))
 
 
 def reacquisition_names(scenario: Scenario, truth: Sequence[str], estimate: Sequence[str]) -> Sequence[str]:
     """Names of what is measured of an estimator where fixes come back, if a scenario asks for it."""
-    family = tolerated_family(truth, estimate)
+    family = tolerated_family(scenario, truth, estimate)
     asked = scenario.scoring.fixes_of is not None and scenario.loss_window_s is not None
     return reacquisition_figures(family) if asked and family is not None else ()
 
@@ -93,6 +96,17 @@ class Scorer:
         self._measures = {
             name: estimator_measures(scenario, truth_columns, columns) for name, columns in estimates.items()
         }
+        self._track = DrivenTrack()
+        self._cross_tracks = {
+            name: CrossTrack()
+            for name, columns in estimates.items()
+            if CROSS_TRACK in guidance.judged_columns(scenario, truth_columns, columns)
+        }
+        self._guidance = {
+            name: GuidanceScorer(scenario, truth_columns)
+            for name, columns in estimates.items()
+            if guidance.names(scenario, truth_columns, columns)
+        }
         self._phases = phase_names(scenario, truth_columns)
         self._tallies: dict[str, Tally] = {}
         self._means: dict[str, MeanOfKnown] = {
@@ -115,7 +129,7 @@ class Scorer:
     ) -> dict[str, ToleranceScorer]:
         found = {}
         for name, columns in estimates.items():
-            family = tolerated_family(truth, columns)
+            family = tolerated_family(self._scenario, truth, columns)
             if family is not None:
                 with_fixes = bool(reacquisition_names(self._scenario, truth, columns))
                 found[name] = ToleranceScorer(self._scenario, family, self._fixes if with_fixes else None)
@@ -129,9 +143,17 @@ class Scorer:
         if fixes is not None:
             self._fixes.add(fixes)
         self._differences.add(estimates)
+        if self._cross_tracks:
+            self._track.add(truth)
         for name, estimate in estimates.items():
             compared = compare(truth, estimate, self._columns[name], from_ns=self._from_ns)
-            self._add_measures(name, truth, compared)
+            masks = phases(self._scenario, truth, compared.at_truth)
+            self._add_measures(name, compared.t_ns, compared.errors, masks, across=False)
+            if name in self._cross_tracks:
+                self._add_cross_track(name, self._cross_tracks[name].add(self._track, estimate, compared, masks))
+            if name in self._guidance:
+                straights = masks.get("_straights", masks[""])
+                self._guidance[name].add(truth, estimate, compared, straights)
             self._add_consistency(name, truth, estimate, compared)
             if name in self._seeds:
                 self._seeds[name].add(truth, phases(self._scenario, truth, np.arange(len(truth))), estimate)
@@ -140,27 +162,41 @@ class Scorer:
                 speed = truth.column(SPEED)[compared.at_truth, 0]
                 runs = estimate.values.shape[1]
                 self._ramps.setdefault(name, self._ramp_tally(runs)).add(compared.t_ns, speed, errors)
-            if name in self._tolerances:
+            if name in self._tolerances and self._tolerances[name].column != CROSS_TRACK:
                 scorer = self._tolerances[name]
                 column = self._columns[name].index(scorer.column)
                 sigmas = claimed_sigma(estimate, scorer.column, compared)
                 scorer.add(compared.t_ns, compared.errors[:, :, column], sigmas)
 
-    def _add_measures(self, name: str, truth: Stream, compared: Compared) -> None:
-        masks = phases(self._scenario, truth, compared.at_truth)
+    def _add_measures(
+        self, name: str, t_ns: IntArray, errors: FloatArray, masks: Mapping[str, BoolArray], *, across: bool
+    ) -> None:
+        """Take errors (T, R, n): those of the measures across the track, or of all others."""
         parts = {suffix: as_rows(np.flatnonzero(mask)) for suffix, mask in masks.items()}
         made: dict[Signal, FloatArray] = {}
         for measure in self._measures[name]:
+            if measure.across != across:
+                continue
             if measure.signal not in made:
-                made[measure.signal] = measure.signal(compared.errors)
+                made[measure.signal] = measure.signal(errors)
             values = made[measure.signal]
             if self._watch is not None and measure.envelope:
-                self._watch(f"{name}.{measure.envelope}", compared.t_ns, values)
+                self._watch(f"{name}.{measure.envelope}", t_ns, values)
             for suffix in self._phases if "{phase}" in measure.name else [""]:
                 key = f"{name}.{measure.name.format(phase=suffix)}"
                 if key not in self._tallies:
                     self._tallies[key] = Tally(measure, values.shape[1], self._loss_ns)
-                self._tallies[key].add(values[parts[suffix]], compared.t_ns[parts[suffix]])
+                self._tallies[key].add(values[parts[suffix]], t_ns[parts[suffix]])
+
+    def _add_cross_track(self, name: str, pieces: Sequence[CrossTrackErrors]) -> None:
+        for piece in pieces:
+            self._add_measures(name, piece.t_ns, piece.errors_m[..., np.newaxis], piece.masks, across=True)
+            if name in self._tolerances and self._tolerances[name].column == CROSS_TRACK:
+                self._tolerances[name].add(piece.t_ns, piece.errors_m, piece.sigmas_m)
+
+    def _finish(self) -> None:
+        for name, cross_track in self._cross_tracks.items():
+            self._add_cross_track(name, cross_track.finish(self._track))
 
     def _add_consistency(self, name: str, truth: Stream, estimate: Stream, compared: Compared) -> None:
         nees = self._means.get(f"{name}.consistency.nees")
@@ -186,6 +222,7 @@ class Scorer:
 
     def metrics(self) -> dict[str, FloatArray]:
         """Metrics of all that was added, each of shape (R,); nothing can be added after."""
+        self._finish()
         found: dict[str, FloatArray] = {}
         for name in self._measures:
             for part in (self._tallies, self._means):
@@ -197,8 +234,11 @@ class Scorer:
             if name in self._tolerances:
                 found |= {f"{name}.{metric}": value for metric, value in self._tolerances[name].metrics().items()}
             found |= {f"{name}.{metric}": value for metric, value in self._differences.metrics(name).items()}
+            if name in self._guidance:
+                found |= {f"{name}.{metric}": value for metric, value in self._guidance[name].metrics().items()}
         return found
 
     def honesty(self) -> dict[str, Honesty]:
         """What is pooled over members, by estimator: of all that was added; nothing can be added after."""
+        self._finish()
         return {name: scorer.honesty() for name, scorer in self._tolerances.items()}

@@ -12,11 +12,14 @@ import math
 import numpy as np
 
 from twin.errors import BadInputError
-from twin.signals import NS_PER_S, FloatArray
+from twin.signals import LEVEL_WITHIN_M, NS_PER_S, FloatArray
 from twin.world.terrain import Extent, Terrain
 
 SURVEY_COLUMNS = ("field_sd_m", "field_mean_m", "field_within_30mm", "field_within_50mm")
 """Truth columns of :meth:`FieldSurvey.truth`; the mean is counted from the design plane."""
+
+_NEARLY_LEVEL_M = 0.050
+"""As papers on laser levelling have it (from memory)."""
 
 
 class FieldSurvey:
@@ -27,10 +30,7 @@ class FieldSurvey:
     """
 
     def __init__(self, terrain: Terrain, area_m: Extent, *, design_height_m: float = 0.0) -> None:
-        west, south, east, north = area_m
-        rows = _inside(terrain.south_m, terrain.cell_m, south, north, terrain.heights.shape[0])
-        columns = _inside(terrain.west_m, terrain.cell_m, west, east, terrain.heights.shape[1])
-        self._heights: FloatArray = terrain.heights[rows, columns]
+        self._heights = within(area_m, terrain.heights, (terrain.west_m, terrain.south_m), terrain.cell_m)
         """A view: it follows what a blade does."""
         if self._heights.size < 2:
             raise BadInputError(f"levelling.area_m: {area_m} m holds no part of the terrain, which is {terrain.extent}")
@@ -47,11 +47,28 @@ class FieldSurvey:
 
     def measure(self) -> tuple[float, ...]:
         """Values of ``SURVEY_COLUMNS`` now."""
-        mean = float(self._heights.mean())
-        off = np.abs(self._heights - mean)
-        variance = float(np.square(off).sum()) / (off.size - 1)
-        within_30mm, within_50mm = (np.count_nonzero(off <= limit) / off.size for limit in (0.030, 0.050))
-        return math.sqrt(variance), mean - self._design_height_m, within_30mm, within_50mm
+        spread, mean, *shares = flatness(self._heights)
+        return spread, mean - self._design_height_m, *shares
+
+
+def flatness(heights_m: FloatArray) -> tuple[float, float, float, float]:
+    """S_d (m), mean (m), and the shares of heights within 30 mm and 50 mm of it; NaN of fewer than two heights."""
+    if heights_m.size < 2:
+        return (math.nan,) * 4
+    mean = float(heights_m.mean())
+    off = np.abs(heights_m - mean)
+    spread = math.sqrt(float(np.square(off).sum()) / (off.size - 1))
+    level, nearly = (np.count_nonzero(off <= limit) / off.size for limit in (LEVEL_WITHIN_M, _NEARLY_LEVEL_M))
+    return spread, mean, level, nearly
+
+
+def within(area_m: Extent, heights_m: FloatArray, origin_m: tuple[float, float], cell_m: float) -> FloatArray:
+    """The nodes of a height array (ny, nx) that lie within an area, as a view; ``origin_m`` is its south-west node."""
+    west, south, east, north = area_m
+    rows = _inside(origin_m[1], cell_m, south, north, heights_m.shape[0])
+    columns = _inside(origin_m[0], cell_m, west, east, heights_m.shape[1])
+    nodes: FloatArray = heights_m[rows, columns]
+    return nodes
 
 
 def _inside(origin_m: float, cell_m: float, low_m: float, high_m: float, count: int) -> slice:

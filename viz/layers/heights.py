@@ -11,11 +11,10 @@ import rerun as rr
 
 from twin.geometry import rotation_from_quaternion
 from twin.recording import Stream
-from twin.signals import HEIGHT, POSITION, BoolArray, FloatArray, sigma_column
+from twin.signals import HEIGHT, LEVEL_WITHIN_M, POSITION, BoolArray, FloatArray, sigma_column
 from viz import entities
 from viz.layers.load import LOAD
 from viz.layers.plots import PLOT_HZ, errors
-from viz.relief import LIMIT_M
 from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import thin
 
@@ -98,8 +97,8 @@ def _draw_limits(run: Run, sheet: Sheet, panel: str) -> None:
     ends = np.array([0, run.duration_ns], dtype=np.int64)
     for sign, side in ((1.0, "above"), (-1.0, "below")):
         entity = entities.plot(panel, f"{_LIMIT_SERIES}_{side}")
-        values = np.full(2, sign * MM * LIMIT_M)
-        name = f"±{MM * LIMIT_M:.0f} mm"
+        values = np.full(2, sign * MM * LEVEL_WITHIN_M)
+        name = f"±{MM * LEVEL_WITHIN_M:.0f} mm"
         sheet.line(entity, ends, values, entities.LIMIT_COLOUR, width=1.0, name=name)
 
 
