@@ -53,10 +53,8 @@ class AntennaPose:
     def place(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:
         """Position (R, 3) of the reference under an antenna (R, 3)."""
         cosine, sine = np.cos(heading), np.sin(heading)
-        arm = [
-            cosine * self._forward - sine * self._left,
-            sine * self._forward + cosine * self._left,
-            np.full(len(heading), self._up),
-        ]
-        place: FloatArray = antenna - np.stack(arm, axis=-1)
+        place = np.array(antenna, dtype=np.float64)
+        place[:, 0] -= cosine * self._forward - sine * self._left
+        place[:, 1] -= sine * self._forward + cosine * self._left
+        place[:, 2] -= self._up
         return place
