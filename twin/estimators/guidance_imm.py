@@ -130,17 +130,19 @@ def turning(dt_s: FloatArray, rate: FloatArray) -> FloatArray:
     rotation. With a rate of zero, eq 13 of paper 004.
     """
     angle = rate * dt_s
-    sinc, half = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2  # sin z / z, (1 - cos z) / z^2
+    square, cosine, sine = angle**2, np.cos(angle), np.sin(angle)
     small = np.abs(angle) < 1e-2
     safe = np.where(small, 1.0, angle)
-    third = np.where(small, angle / 6.0 * (1.0 - angle**2 / 20.0), (safe - np.sin(safe)) / safe**2)
+    sinc = np.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sine / safe)  # sin z / z
+    half = np.where(small, 0.5 - square / 24.0 * (1.0 - square / 30.0), (1.0 - cosine) / safe**2)
+    third = np.where(small, angle / 6.0 * (1.0 - square / 20.0), (angle - sine) / safe**2)
     F = np.zeros((len(dt_s), _STATES, _STATES))
     F[:] = np.eye(_STATES)
     F[:, _P, _V] = dt_s[:, np.newaxis, np.newaxis] * _PAIR
     for block, along, across in (
         (_P, dt_s**2 * half, dt_s**2 * third),
         (_V, dt_s * sinc, dt_s * angle * half),
-        (_A, np.cos(angle), np.sin(angle)),
+        (_A, cosine, sine),
     ):
         first, second = block.start, block.start + 1
         F[:, first, 4] = F[:, second, 5] = along
@@ -284,6 +286,7 @@ class GuidanceImm:
         self._tell(fix, R, used)
         self._engine.update(z, R, used)
         x = self._engine.modes.mean()[0]
+        self._pose.hear(fix.of(SPEED), used)
         self._pose.keep(self._pose.turn(x[:, _V], x[:, _A], used)[0])
 
     def _believe(self, fix: Fix, variance: FloatArray) -> None:
