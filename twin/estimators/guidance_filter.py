@@ -76,6 +76,9 @@ _SHORT_NS = 200_000_000
 """Speed and rate of turn of the moment are means over so long."""
 _SPEED_NS = 400_000_000
 """The speed that is told is one over so long, so that single slots do not show."""
+_SPEED_CHANGE_M_S2, _TURN_CHANGE_RAD_S = 0.1, 0.05
+"""So much may speed and heading have changed per second since wheels and gyro were heard, 1 sigma; a choice: a machine
+may start, stop or turn in between two samples a second apart, and mostly does not."""
 _RATES = (YAW_GYRO, IMU, ODOMETRY)
 _SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
 """In the order in which they are preferred."""
@@ -370,6 +373,12 @@ class GuidanceFilter:
         relative = T.copy()
         covariance = np.einsum("rij,rjk,rlk->ril", T, P, T)
         covariance[:, 3, 3] += self._slot_variance * moving
+        for place, of, change in (
+            (3, self.inputs.speed, _SPEED_CHANGE_M_S2),
+            (2, self.inputs.rate, _TURN_CHANGE_RAD_S),
+        ):
+            age_s = 0.0 if of is None or of.newest_ns is None else max(t_ns - of.newest_ns, 0) / NS_PER_S
+            covariance[:, place, place] += (change * age_s) ** 2
         if layout.anchor is not None:
             anchor = x[:, layout.anchor : layout.anchor + 2]
             state[:, :2] += anchor
