@@ -189,6 +189,7 @@ class GuidanceFilter:
             start_variances=self._start_variances,
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
+            jump_s=self._errors.jump_s,
         )
         self._now_ns: int | None = None
         self._tip_ns = 0
@@ -291,8 +292,8 @@ class GuidanceFilter:
             dt_s = (fix.t_ns - self._now_ns) / NS_PER_S
             if dt_s > _LONGEST_GAP_S:
                 self.core.started[:] = False
-                self._now_ns = fix.t_ns
-            self._advance(self.engine, self._now_ns, fix.t_ns)
+            else:
+                self._advance(self.engine, self._now_ns, fix.t_ns)
         span = self.inputs.span(fix.t_ns - round(min(dt_s, 1.0) * NS_PER_S), fix.t_ns)
         self._now_ns = fix.t_ns
         self._hear_machine(span)
@@ -311,8 +312,7 @@ class GuidanceFilter:
                 self.layout,
                 self.motion_noise,
                 span,
-                slow=self.core.slow,
-                jump=(self.core.jump_m, self._errors.jump_s),
+                receiver=self.core.receiver,
             )
             engine.predict(motion, span.rate, span.dt_s)
 

@@ -3,10 +3,10 @@
 **Start.** The first fix says P = z - arm - C - J: position and receiver error are unknown by metres, their sum by
 centimetres. So P, C and J start with covariances of opposite signs, and whatever is learned of one is learned of all.
 
-**Another kind of solution** (fix, float, differential, single) has another error: C and J are drawn anew by the sigma
-of the kind, unless the receiver was of that kind less than a correlation time ago. Then the error may be the old one
-still, of which nothing new can be learned: C starts four times as wide, and flapping between two kinds does not feign
-many independent positions.
+**Another kind of solution** (fix, float, differential, single) has another slow error. The old one goes on unseen (O);
+when the receiver comes back to that kind, the two change places, so that flapping between two kinds does not feign
+many independent positions. A kind that is neither is drawn anew by its sigma; four times as wide if it was there less
+than a correlation time ago, as it may be the old error still, of which nothing new can be learned.
 
 **Jumps.** An innovation beyond the gate is not used at first. When ``jump_epochs`` of them in a row say the same, it is
 the receiver's error that has jumped, not the machine: J (or C) is widened by the jump, and the position stays where
@@ -22,19 +22,22 @@ E[(P + A - P_true)^2] = var P + (mean of A)^2, what the filter learns of A is in
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from twin.config import Config, Positive
 from twin.estimators.engines import Engine, innovation
-from twin.estimators.guidance_filter_model import PSI, AntennaSeen, E, Layout, N, V
+from twin.estimators.guidance_filter_model import PSI, AntennaSeen, E, Layout, N, ReceiverNoise, V
 from twin.estimators.guidance_filter_receiver import FixError
 from twin.estimators.guidance_readers import Fix
-from twin.signals import BoolArray, FloatArray, IntArray
+from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
 _MOST_REJECTED = 20
 """After so many in a row, whatever they say, the error is taken for another one."""
 _LOST_SIGMAS = 10.0
+_VAGUE = 10.0
+"""A jump's variance against the square of what is seen of it: so vague, that it takes all and the position nothing."""
 _AGAIN = 4.0
 """Widening of an error that may be the old one."""
 _STEP_S = 120.0
@@ -63,6 +66,7 @@ class Core:
         start_variances: Callable[[], FloatArray],
         gates: GatesConfig,
         sway_m: float,
+        jump_s: float,
     ) -> None:
         """``start_variances`` gives (n,) variances of all states but position, errors and anchor."""
         self.engine, self._layout, self._antenna = engine, layout, antenna
@@ -71,10 +75,17 @@ class Core:
         self.started: BoolArray = np.zeros(runs, dtype=np.bool_)
         self.doubting: BoolArray = np.zeros(runs, dtype=np.bool_)
         """(R,) whether the last fix was not believed."""
-        self.slow = np.ones(runs), np.full(runs, 100.0)
-        """Sigma and correlation time of the kind of solution there is now."""
-        self.jump_m = np.zeros(runs)
+        self.receiver = ReceiverNoise(
+            slow_m=np.ones(runs),
+            slow_s=np.full(runs, 100.0),
+            other_m=np.zeros(runs),
+            other_s=np.full(runs, 100.0),
+            jump_m=np.zeros(runs),
+            jump_s=jump_s,
+        )
+        """Noise of the errors that there are now."""
         self._kind: IntArray = np.full(runs, -1, dtype=np.int64)
+        self._other_kind: IntArray = np.full(runs, -1, dtype=np.int64)
         self._met_ns: IntArray = np.full((runs, 4), _NEVER, dtype=np.int64)
         self._anchored: IntArray = np.full(runs, -1, dtype=np.int64)
         self._rejected, self._alike = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
@@ -121,6 +132,8 @@ class Core:
         engine.restore(x, np.where(mask[:, np.newaxis, np.newaxis], P, engine.P))
         self.started = self.started | mask
         self._kind = np.where(mask, error.kind, self._kind)
+        self._other_kind = np.where(mask, -1, self._other_kind)
+        self._set_noise(error, mask)
         self._anchored = np.where(mask, -1, self._anchored)
         self._rejected = np.where(mask, 0, self._rejected)
         self._remember(fix, error, mask)
@@ -173,24 +186,45 @@ class Core:
         return far
 
     def _meet(self, fix: Fix, error: FixError, mask: BoolArray) -> None:
-        """Draw the error anew where the kind of solution has changed."""
+        """Take the error of the kind of solution there is now."""
         changed = mask & (error.kind != self._kind)
-        self.slow = np.where(mask, error.slow_m, self.slow[0]), np.where(mask, error.slow_s, self.slow[1])
-        self.jump_m = np.where(mask, error.jump_m, self.jump_m)
-        if not changed.any():
-            return
-        since_s = (fix.t_ns - self._met_ns[np.arange(len(mask)), error.kind]) * 1e-9
-        factor = np.where(since_s < error.slow_s, _AGAIN, 1.0)
-        layout, x, P = self._layout, self.engine.x.copy(), self.engine.P.copy()
-        sigmas = [(layout.slow, error.slow_m * factor)]
-        if layout.jump is not None:
-            sigmas.append((layout.jump, error.jump_m))
-        for first, sigma in sigmas:
-            for place in (first, first + 1):
-                x[changed, place] = 0.0
-                P[changed, place, :] = P[changed, :, place] = 0.0
-                P[changed, place, place] = np.square(sigma)[changed]
+        if changed.any():
+            self._exchange(fix, error, changed)
+        self._set_noise(error, mask)
+
+    def _set_noise(self, error: FixError, mask: BoolArray) -> None:
+        noise = self.receiver
+        self.receiver = replace(
+            noise,
+            slow_m=np.where(mask, error.slow_m, noise.slow_m),
+            slow_s=np.where(mask, error.slow_s, noise.slow_s),
+            jump_m=np.where(mask, error.jump_m, noise.jump_m),
+        )
+
+    def _exchange(self, fix: Fix, error: FixError, changed: BoolArray) -> None:
+        """C and O change places; where O was of a third kind, C is drawn anew."""
+        layout, noise, rows = self._layout, self.receiver, changed[:, np.newaxis]
+        order = np.arange(layout.size)
+        order[layout.slow : layout.slow + 2], order[layout.other : layout.other + 2] = (
+            order[layout.other : layout.other + 2].copy(),
+            order[layout.slow : layout.slow + 2].copy(),
+        )
+        x = np.where(rows, self.engine.x[:, order], self.engine.x)
+        P = np.where(rows[..., np.newaxis], self.engine.P[:, order][:, :, order], self.engine.P)
+        new = changed & (error.kind != self._other_kind)
+        since_s = (fix.t_ns - self._met_ns[np.arange(len(changed)), error.kind]) / NS_PER_S
+        sigma = error.slow_m * np.where(since_s < error.slow_s, _AGAIN, 1.0)
+        for place in (layout.slow, layout.slow + 1):
+            x[new, place] = 0.0
+            P[new, place, :] = P[new, :, place] = 0.0
+            P[new, place, place] = np.square(sigma)[new]
         self.engine.restore(x, P)
+        self.receiver = replace(
+            noise,
+            other_m=np.where(changed, noise.slow_m, noise.other_m),
+            other_s=np.where(changed, noise.slow_s, noise.other_s),
+        )
+        self._other_kind = np.where(changed, self._kind, self._other_kind)
         self._kind = np.where(changed, error.kind, self._kind)
         self._rejected, self._alike = np.where(changed, 0, self._rejected), np.where(changed, 0, self._alike)
 
@@ -200,7 +234,7 @@ class Core:
             return
         layout, P = self._layout, self.engine.P.copy()
         first = layout.slow if layout.jump is None else layout.jump
-        variance = np.square(size).sum(axis=1)[mask]
+        variance = _VAGUE * np.square(size).sum(axis=1)[mask]
         for place in (first, first + 1):
             P[mask, place, place] += variance
         self.engine.restore(self.engine.x, P)

@@ -11,6 +11,7 @@ States, with u the told speed and r the told rate of turn:
     S          offset of the told steering angle, rad        (where there is one)
     C, J       slow error of the receiver's position, east and north, and the part of it that steps (where it has one):
                Gauss-Markov processes
+    O          slow error of the kind of solution that was there before the one of now: it goes on unseen
     A          what C + J was at some moment: see :mod:`twin.estimators.guidance_filter_core`
 
 A receiver sees P + lever arm + C + J + white. While the wheels stand, nothing of the machine moves and r is b.
@@ -38,6 +39,7 @@ class Layout:
         self.steering = self._next(1) if steering else None
         self.slow = self._next(2)
         """East; north is the next."""
+        self.other = self._next(2)
         self.jump = self._next(2) if jumps else None
         self.anchor = self._next(2) if anchor else None
         self.has_rate, self.has_speed = rate, speed
@@ -69,6 +71,18 @@ class MotionNoise:
     """Walk of the position per root of a metre driven: wheels that do not roll where they point."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceiverNoise:
+    """Sigma (m) and correlation time (s) of the receiver's errors C, O and J; (R,) but for the last."""
+
+    slow_m: FloatArray
+    slow_s: FloatArray
+    other_m: FloatArray
+    other_s: FloatArray
+    jump_m: FloatArray
+    jump_s: float
+
+
 class SpanMotion:
     """Motion over one span of inputs (:class:`~twin.estimators.engines.Motion`)."""
 
@@ -78,15 +92,13 @@ class SpanMotion:
         noise: MotionNoise,
         span: Span,
         *,
-        slow: tuple[FloatArray, FloatArray],
-        jump: tuple[FloatArray, float],
+        receiver: ReceiverNoise,
     ) -> None:
-        """``slow``: sigma (R,) and correlation time (R,) of C; ``jump``: sigma (R,) and correlation time of J."""
-        self._layout, self._noise, self._span = layout, noise, span
-        self._slow, self._jump = slow, jump
+        self._layout, self._noise, self._span, self._receiver = layout, noise, span, receiver
         dt_s = span.dt_s
-        self._keep_slow = np.exp(-dt_s / slow[1])
-        self._keep_jump = np.exp(-dt_s / jump[1])
+        self._keep_slow = np.exp(-dt_s / receiver.slow_s)
+        self._keep_other = np.exp(-dt_s / receiver.other_s)
+        self._keep_jump = np.exp(-dt_s / receiver.jump_s)
         self._keep_rate = np.where(span.rate_known, 1.0, 1.0 if layout.has_rate else np.exp(-dt_s / noise.turn_s))
         self._keep_slip = np.where(span.speed_known, np.exp(-dt_s / noise.slip_s), 1.0)
 
@@ -138,10 +150,13 @@ class SpanMotion:
         Q[:, V, V] = np.where(span.speed_known, slip, noise.acceleration_m_s2_rthz**2 * dt_s)
         if layout.scale is not None:
             Q[:, layout.scale, layout.scale] = np.where(moving, noise.scale_rts**2 * dt_s, 0.0)
-        slow = np.square(self._slow[0]) * (1.0 - np.square(self._keep_slow))
-        jump = np.square(self._jump[0]) * (1.0 - self._keep_jump**2)
+        receiver = self._receiver
+        slow = np.square(receiver.slow_m) * (1.0 - np.square(self._keep_slow))
+        other = np.square(receiver.other_m) * (1.0 - np.square(self._keep_other))
+        jump = np.square(receiver.jump_m) * (1.0 - self._keep_jump**2)
         for axis in range(2):
             Q[:, layout.slow + axis, layout.slow + axis] = slow
+            Q[:, layout.other + axis, layout.other + axis] = other
             if layout.jump is not None:
                 Q[:, layout.jump + axis, layout.jump + axis] = jump
         return Q
@@ -150,7 +165,7 @@ class SpanMotion:
         layout = self._layout
         decays: list[tuple[int, FloatArray | float]] = [(B, self._keep_rate), (V, self._keep_slip)]
         for axis in range(2):
-            decays.append((layout.slow + axis, self._keep_slow))
+            decays += [(layout.slow + axis, self._keep_slow), (layout.other + axis, self._keep_other)]
             if layout.jump is not None:
                 decays.append((layout.jump + axis, self._keep_jump))
         return decays
