@@ -162,17 +162,10 @@ def _cross_track(truth: Stream, scenario: Scenario) -> dict[str, float]:
 
 
 def _figures(values: FloatArray) -> list[float]:
-    """Mean, root mean square, standard deviation, span, 95th percentile and largest size, as the family has them."""
+    """Mean, root mean square, 95th percentile and largest size, as the family has them."""
     sizes = np.abs(values)
     rms = math.sqrt(float(np.mean(values**2)))
-    return [
-        float(values.mean()),
-        rms,
-        float(values.std()),
-        float(np.ptp(values)),
-        float(np.quantile(sizes, 0.95)),
-        float(sizes.max()),
-    ]
+    return [float(values.mean()), rms, float(np.quantile(sizes, 0.95)), float(sizes.max())]
 
 
 def _between_passes(truth: Stream, scenario: Scenario) -> dict[str, float]:

@@ -17,7 +17,7 @@ import numpy as np
 from twin.families import CROSS_TRACK, FAMILIES, Family, family_named
 from twin.signals import POSITION, FloatArray, row_position, row_speed
 
-Reduction = Literal["mean", "max", "rms", "sd", "span", "p95", "last", "time_to"]
+Reduction = Literal["mean", "max", "rms", "p95", "last", "time_to"]
 Errors = FloatArray
 """(T, R, n) estimate minus truth of the shared columns, angles wrapped."""
 Signal = Callable[[Errors], FloatArray]
@@ -177,8 +177,6 @@ def _of_one_column(columns: list[str], family: Family, limits: Mapping[str, floa
         "p95_abs_error": (size, "p95"),
         "rmse": (signed, "rms"),
         "mean_error": (signed, "mean"),
-        "sd_error": (signed, "sd"),
-        "span_error": (signed, "span"),
     }
     measures = []
     for figure in family.figures:

@@ -41,10 +41,8 @@ class Tally:
         self._limit = measure.limit
         self._loss_ns = loss_ns
         self._count = 0
-        start = {"max": -math.inf, "span": -math.inf, "time_to": math.inf, "last": math.nan}.get(measure.reduction, 0.0)
+        start = {"max": -math.inf, "time_to": math.inf, "last": math.nan}.get(measure.reduction, 0.0)
         self._held: FloatArray = np.full(runs, start)
-        self._beside: FloatArray = np.full(runs, math.inf if measure.reduction == "span" else 0.0)
-        """The sum of squares of a standard deviation, the lowest of a span."""
         self._by_size: IntArray = np.zeros((runs, len(_BINS) if measure.reduction == "p95" else 0), dtype=np.int32)
 
     def add(self, values: FloatArray, t_ns: IntArray) -> None:
@@ -59,12 +57,6 @@ class Tally:
                 self._held += (values**2).sum(axis=0)
             case "max":
                 self._held = np.maximum(self._held, values.max(axis=0))
-            case "sd":
-                self._held += values.sum(axis=0)
-                self._beside += (values**2).sum(axis=0)
-            case "span":
-                self._held = np.maximum(self._held, values.max(axis=0))
-                self._beside = np.minimum(self._beside, values.min(axis=0))
             case "last":
                 self._held = values[-1].copy()
             case "p95":
@@ -97,11 +89,6 @@ class Tally:
             return np.full_like(self._held, math.nan)
         if self._reduction == "mean":
             return self._held / self._count
-        if self._reduction == "sd":
-            mean = self._held / self._count
-            return np.sqrt(np.maximum(self._beside / self._count - mean * mean, 0.0))
-        if self._reduction == "span":
-            return self._held - self._beside
         if self._reduction == "p95":
             return self._held + _BINS.quantile(self._by_size, 0.95)
         return np.sqrt(self._held / self._count) if self._reduction == "rms" else self._held
