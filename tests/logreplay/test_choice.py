@@ -66,7 +66,10 @@ def test_wrong_names_are_refused(texts: list[str], message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("cv=guidance_kinematic:models=constant_velocity", r"estimators\.cv\.models: unknown key; did you mean 'model'"),
+        (
+            "cv=guidance_kinematic:models=constant_velocity",
+            r"estimators\.cv\.models: unknown key; did you mean 'model'",
+        ),
         ("cv=guidance_kinematic:model=fast", r"estimators\.cv\.model: given 'fast'"),
         ("heading_madgwick", "heading_madgwick"),
     ],
