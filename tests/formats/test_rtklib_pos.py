@@ -10,8 +10,9 @@ import pymap3d
 import pytest
 
 from twin.errors import BadInputError
+from twin.formats.gps_time import leap_seconds
 from twin.formats.logs import open_log
-from twin.formats.rtklib_pos import QUALITIES, RtklibLog, leap_seconds
+from twin.formats.rtklib_pos import QUALITIES, RtklibLog
 
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "f9p_ppk_rtklib"
 DEGREES = (

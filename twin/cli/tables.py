@@ -25,7 +25,8 @@ _SEEDS = (
     "seeds.quality_of_feed_percent",
     "seeds.precision_percent",
 )
-_HEADLINES = {*_SEEDS, *(family.metric(figure, "") for family in FAMILIES for figure in family.shown)}
+_GUIDANCE = ("pass_to_pass.rms_m", "pass_to_pass.p95_m", *(f"coverage.{kind}_percent" for kind in ("overlap", "skip")))
+_HEADLINES = {*_SEEDS, *_GUIDANCE, *(family.metric(figure, "") for family in FAMILIES for figure in family.shown)}
 _SUMMARY = tuple(
     family.metric(figure, "")
     for family in sorted(FAMILIES, key=lambda family: family.summary_rank)

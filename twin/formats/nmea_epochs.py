@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from twin.formats.nmea import MISSING, BadSentenceError, fields_of, time_of_day_ns
-from twin.formats.nmea_sentences import TIMED, UNTIMED, Epoch
+from twin.formats.nmea_epoch import Epoch
+from twin.formats.nmea_sentences import TIMED, UNTIMED
 from twin.formats.panda import AGOPENGPS, read_panda
 
 NOT_NMEA = "not NMEA"

@@ -22,8 +22,8 @@ from twin.formats.gnss_fixes import (
 )
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock, Placed
+from twin.formats.nmea_epoch import Epoch
 from twin.formats.nmea_epochs import epochs
-from twin.formats.nmea_sentences import Epoch
 from twin.signals import HEADING, YAW_RATE, Measurement, SensorInfo
 
 AHRS, YAW_GYRO = "ahrs", "yaw_gyro"

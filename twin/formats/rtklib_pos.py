@@ -13,7 +13,6 @@ Source: RTKLIB manual, version 2.4.2, appendix B.1.
 
 from __future__ import annotations
 
-import bisect
 import datetime as dt
 import math
 from collections import Counter
@@ -25,6 +24,7 @@ import pymap3d
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
 from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, at, measurements, origin_of, receiver_info
+from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock
 from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
@@ -32,16 +32,7 @@ from twin.signals import NS_PER_S, Measurement, SensorInfo
 
 NO_HEADER = "no header"
 QUALITIES = {0: 0, 1: 4, 2: 5, 3: 2, 4: 2, 5: 1, 6: 3, 7: 6}
-UNIX_OF_GPS_S = 315_964_800
-"""6 January 1980."""
 _WEEK_S = 604_800
-_LEAP_DAYS = (
-    "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01",
-    "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01",
-    "2015-07-01", "2017-01-01",
-)  # fmt: skip
-"""Days before which a leap second was put in (IERS Bulletin C)."""
-_LEAPS_S = [int(dt.datetime.fromisoformat(f"{day}T00:00:00+00:00").timestamp()) for day in _LEAP_DAYS]
 _PLACES = {
     ("latitude(deg)", "longitude(deg)", "height(m)"): (3, "degrees"),
     ("latitude(d'\")", "longitude(d'\")", "height(m)"): (7, "sexagesimal"),
@@ -51,12 +42,6 @@ _PLACES = {
 _REST = ("q", "ns", "sdn(m)", "sde(m)", "sdu(m)", "age(s)", "vn(m/s)", "ve(m/s)")
 
 Place = tuple[float, float, float]
-
-
-def leap_seconds(gps_unix_s: float) -> int:
-    """By how many seconds GPS time is ahead of UTC, at a time counted in GPS time since 1970."""
-    leaps = [leap + index + 1 for index, leap in enumerate(_LEAPS_S)]
-    return bisect.bisect_right(leaps, gps_unix_s)
 
 
 def _names(header: str) -> list[str]:
