@@ -35,8 +35,8 @@ def test_a_kind_hears_what_it_can_use() -> None:
 def test_sensors_may_be_named() -> None:
     (pv,) = choose(["guidance_pv"], options={"guidance_pv": {"sensors": ["second"]}})
     assert pv.build(setup(receiver(), ODOMETRY, receiver(name="second")))[1] == ("second",)
-    (lost,) = choose(["guidance_pv"], options={"guidance_pv": {"sensors": ["secnd"]}})
-    with pytest.raises(BadInputError, match=r"guidance_pv.*'secnd'; did you mean 'second'"):
+    (lost,) = choose(["guidance_pv"], options={"guidance_pv": {"sensors": ["seconds"]}})
+    with pytest.raises(BadInputError, match=r"guidance_pv.*'seconds'; did you mean 'second'"):
         lost.build(setup(receiver(), receiver(name="second")))
 
 
@@ -66,7 +66,10 @@ def test_wrong_names_are_refused(texts: list[str], message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("cv=guidance_kinematic:modle=constant_velocity", r"estimators\.cv\.modle: unknown key; did you mean 'model'"),
+        (
+            "cv=guidance_kinematic:models=constant_velocity",
+            r"estimators\.cv\.models: unknown key; did you mean 'model'",
+        ),
         ("cv=guidance_kinematic:model=fast", r"estimators\.cv\.model: given 'fast'"),
         ("heading_madgwick", "heading_madgwick"),
     ],

@@ -83,6 +83,19 @@ def test_a_consistent_filter_is_found_consistent_white_and_honest() -> None:
     assert found["walk.smoothness.rms_acceleration_m_s2"] < 0.6 * found["gnss.smoothness.rms_acceleration_m_s2"]
 
 
+def test_a_covariance_that_is_announced_and_not_told_is_unknown(tmp_path: Path) -> None:
+    class Announced(Walk):
+        state_columns = ("position_e_m", "position_n_m")
+
+    log, reference = walk_log(200)
+    choices = choose([], plugins={"walk": partial(AdaptedEstimator, Announced)})
+    found = replay_log(log, choices, folder=tmp_path, reference=reference).metrics
+    said = Stream.from_arrow(pq.read_table(tmp_path / "estimates" / "walk.parquet"))
+    assert np.isnan(said.column("cov(position_e_m,position_n_m)")).all()
+    plain = replayed(walk_log(200)[0], reference=walk_log(200)[1]).metrics
+    assert found["walk.reference.mean_nees"] == plain["walk.reference.mean_nees"]
+
+
 def test_blocks_do_not_change_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = replayed(*(walk_log(1000)[:1]), reference=walk_log(1000)[1]).metrics
     monkeypatch.setattr(replaying, "BLOCK_ROWS", 37)
