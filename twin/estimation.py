@@ -8,11 +8,14 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
+from twin.control.path_following import PathDriverConfig, planned_path
 from twin.errors import BadInputError
 from twin.estimators import build_estimator
+from twin.geometry import Path
 from twin.recording import Stream, StreamWriter, covariance_column, estimate_stream
 from twin.scenario import RESERVED, Scenario
 from twin.signals import (
@@ -21,6 +24,7 @@ from twin.signals import (
     Estimator,
     EstimatorSetup,
     FloatArray,
+    IntArray,
     Measurement,
     Said,
     SensorInfo,
@@ -62,12 +66,8 @@ class EstimatorBank:
         self._due = {name: listener.period_ns for name, listener in self._listeners.items()}
         self._next_due = min(self._due.values(), default=None)
         self._writers = {
-            name: StreamWriter(_stream_columns(listener.estimator), runs) for name, listener in self._listeners.items()
+            name: StreamWriter(stream_columns(listener.estimator), runs) for name, listener in self._listeners.items()
         }
-        self._upper = {
-            name: np.triu_indices(len(listener.estimator.state_columns)) for name, listener in self._listeners.items()
-        }
-
         self._latest: dict[str, Estimate] = {}
         self._later = {
             name: listener.estimator
@@ -91,7 +91,7 @@ class EstimatorBank:
                     listener = self._listeners[name]
                     estimate = self._latest[name] = listener.estimator.estimate(now)
                     if name not in self._later:
-                        self._writers[name].append(now, *self._parts(name, estimate))
+                        self._writers[name].append(now, *stream_parts(estimate))
                     self._due[name] = now + listener.period_ns
             self._next_due = min(self._due.values())
 
@@ -109,7 +109,7 @@ class EstimatorBank:
         """The run has ended: smoothers say what they know in hindsight."""
         for name, estimator in self._later.items():
             for estimate in estimator.hindsight():
-                self._writers[name].append(estimate.t_ns, *self._parts(name, estimate))
+                self._writers[name].append(estimate.t_ns, *stream_parts(estimate))
         self._later = {}
 
     def _process_until(self, t_ns: int) -> None:
@@ -119,12 +119,6 @@ class EstimatorBank:
                 for listener in self._listeners.values():
                     if measurement.sensor in listener.sensors:
                         listener.estimator.process(measurement)
-
-    def _parts(self, name: str, estimate: Estimate) -> tuple[FloatArray, ...]:
-        if estimate.covariance is None:
-            return estimate.values, estimate.sigmas
-        rows, columns = self._upper[name]
-        return estimate.values, estimate.sigmas, estimate.covariance[:, rows, columns]
 
     @property
     def columns(self) -> dict[str, tuple[str, ...]]:
@@ -140,7 +134,8 @@ class EstimatorBank:
         return {estimate_stream(name): writer.finish() for name, writer in self._writers.items()}
 
 
-def _stream_columns(estimator: Estimator) -> tuple[str, ...]:
+def stream_columns(estimator: Estimator) -> tuple[str, ...]:
+    """Columns of an estimator's stream: its own, their sigmas, and the upper triangle of the state's covariance."""
     state = estimator.state_columns
     pairs = zip(*np.triu_indices(len(state)), strict=True) if state else ()
     return (
@@ -148,6 +143,19 @@ def _stream_columns(estimator: Estimator) -> tuple[str, ...]:
         *(sigma_column(column) for column in estimator.columns),
         *(covariance_column(state[first], state[second]) for first, second in pairs),
     )
+
+
+def stream_parts(estimate: Estimate) -> tuple[FloatArray, ...]:
+    """Parts of a row of that stream, side by side, each (R, k)."""
+    if estimate.covariance is None:
+        return estimate.values, estimate.sigmas
+    rows, columns = _upper_triangle(estimate.covariance.shape[1])
+    return estimate.values, estimate.sigmas, estimate.covariance[:, rows, columns]
+
+
+@cache
+def _upper_triangle(size: int) -> tuple[IntArray, IntArray]:
+    return np.triu_indices(size)
 
 
 def estimator_setup(
@@ -165,7 +173,15 @@ def estimator_setup(
         design_height_m=scenario.levelling.design_height_m,
         wheelbase_m=scenario.machine.wheelbase_m,
         reference_x_m=scenario.machine.reference_x_m,
+        planned_path=_planned_path(scenario),
     )
+
+
+def _planned_path(scenario: Scenario) -> Path | None:
+    """What a driver who follows a path means to drive."""
+    if not isinstance(scenario.driver, PathDriverConfig):
+        return None
+    return planned_path(scenario.driver, scenario.machine.vehicle_start)
 
 
 def build_bank(

@@ -237,6 +237,7 @@ def _driver(scenario: Scenario) -> Driver:
         start_e_n_heading=machine.vehicle_start,
         wheelbase_m=machine.wheelbase_m,
         seed=scenario.seed,
+        reference_x_m=machine.reference_x_m,
     )
 
 

@@ -26,7 +26,13 @@ def build_sensors(scenario: Scenario, *, runs: Sequence[int]) -> dict[str, Senso
         mount = scenario.machine.resolved_mounts[config.mount]
         try:
             sensors[name] = build_sensor(
-                config, name=name, mount=mount, dt_ns=scenario.dt_ns, seed=scenario.seed, runs=runs
+                config,
+                name=name,
+                mount=mount,
+                dt_ns=scenario.dt_ns,
+                seed=scenario.seed,
+                runs=runs,
+                among=scenario.sensors,
             )
         except BadInputError as error:
             raise BadInputError(f"sensors.{name}: {error}") from error

@@ -18,6 +18,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.geometry import Path
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -333,6 +335,8 @@ class EstimatorSetup:
     """Of the machine that carries it; zero where nothing steers."""
     reference_x_m: float = 0.0
     """How far before the middle of the rear axle the reference frame is, with every joint at zero."""
+    planned_path: Path | None = None
+    """What the driver means to drive, for the middle of the axle that does not steer; None where nothing is planned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import difflib
 import types
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Tag, ValidationError
 from pydantic_core import ErrorDetails
 
 _LONGEST_VALUE = 60
@@ -93,11 +93,25 @@ def _tagged(annotation: Any, part: int | str) -> Any:
     models = models_of(annotation)
     if get_origin(annotation) is dict or len(models) < 2:
         return None
+    for member, tag in _members_with_tags(annotation):
+        if tag == part:
+            return member
     for model in models:
         field = model.model_fields.get("kind")
         if field is not None and part in get_args(field.annotation):
             return model
     return None
+
+
+def _members_with_tags(annotation: Any) -> Iterator[tuple[Any, str]]:
+    """Members of a union that say themselves by which tag they are chosen."""
+    if get_origin(annotation) is Annotated:
+        inner, *metadata = get_args(annotation)
+        yield from ((inner, each.tag) for each in metadata if isinstance(each, Tag))
+        annotation = inner
+    if get_origin(annotation) in (Union, types.UnionType):
+        for option in get_args(annotation):
+            yield from _members_with_tags(option)
 
 
 def _below(annotation: Any, part: int | str) -> Any:

@@ -143,6 +143,16 @@ def height_map(which: str) -> str:
     return f"height_map/{which}"
 
 
+def track_map(which: str) -> str:
+    """Map of a log's track: the whole, or a close-up."""
+    return f"track_map/{which}"
+
+
+def globe_track(sensor: str) -> str:
+    """A receiver's track in latitude and longitude."""
+    return f"geo/{sensor}"
+
+
 COVERAGE_MAP = "coverage_map"
 """Map of what the implement covered."""
 
@@ -259,13 +269,14 @@ SCAN_LOST_COLOUR: Colour = (235, 30, 60)
 SCAN_WRONG_COLOUR: Colour = (235, 60, 235)
 """Of a lidar's points: from near to far, where a beam was lost, and where one gave a wrong range."""
 
-QUALITY_LABELS = {4: "RTK fixed", 5: "RTK float", 2: "DGPS", 1: "single", 0: "no fix"}
+QUALITY_LABELS = {4: "RTK fixed", 5: "RTK float", 2: "DGPS", 1: "single", 6: "dead reckoning", 0: "no fix"}
 """NMEA GGA quality, field 6."""
 QUALITY_COLOURS: dict[int, Colour] = {
     4: (60, 200, 90),
     5: (245, 190, 50),
     2: (240, 130, 40),
     1: (225, 60, 60),
+    6: (190, 90, 200),
     0: (140, 140, 140),
 }
 EVEN_COLOUR: Colour = (232, 236, 215)

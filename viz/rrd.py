@@ -31,6 +31,7 @@ def write_rrd(
     *,
     member: int = 0,
     layers: Sequence[Layer] = LAYERS,
+    title: str | None = None,
 ) -> None:
     """Write one member of a recording to ``path``, whole or not at all.
 
@@ -41,6 +42,7 @@ def write_rrd(
         path: The file; replaced if it exists. Its folder must exist.
         member: Place on the ensemble axis of what is drawn.
         layers: What is drawn, in the order of the panels.
+        title: Name of the recording in the viewer; by default scenario, seed and run.
 
     Raises:
         OSError: the file cannot be written (no space, no right).
@@ -53,7 +55,7 @@ def write_rrd(
         stream = rr.RecordingStream(f"{entities.APPLICATION_ID} {name}", send_properties=False)
         memory = stream.memory_recording()
         stream.set_log_time_enabled(False)
-        shown = f"{recording.scenario_name}, seed {recording.seed}, run {recording.runs[member]}"
+        shown = title or f"{recording.scenario_name}, seed {recording.seed}, run {recording.runs[member]}"
         stream.send_recording_name(legible(shown))
         sheet = Sheet(stream)
         for layer in layers:

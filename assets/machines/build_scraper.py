@@ -9,26 +9,14 @@ the link ``scraper`` the middle of the blade's edge, on the ground the wheels st
 # ruff: noqa: D103 (a drawing: names and coordinates)
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import drawing
-from drawing import Builder, block, box, lugs, prism, revolve, rim_mesh, rod, wheel_visuals
+from carrier_drawing import AXLE_HEIGHT, COLOURS, add_running_gear, carrier_meshes, carrier_visuals
+from drawing import Builder, block, box, prism, rod
 
 HERE = Path(__file__).resolve().parent
 
-COLOURS = {
-    "paint": (0.78, 0.09, 0.10), "white": (0.93, 0.93, 0.90), "dark": (0.11, 0.11, 0.12), "seat": (0.16, 0.16, 0.18),
-    "steel": (0.55, 0.57, 0.60), "blade": (0.92, 0.66, 0.10), "edge": (0.40, 0.41, 0.43), "tyre": (0.07, 0.07, 0.075),
-    "rim": (0.93, 0.93, 0.90), "light": (1.0, 0.93, 0.70), "amber": (1.0, 0.55, 0.05), "sensor": (0.10, 0.45, 0.85),
-    "antenna": (0.96, 0.96, 0.96), "laser": (0.15, 0.55, 0.20),
-}  # fmt: skip
-
-FRONT, REAR = (0.325, 0.09), (0.475, 0.11)
-"""Radius and width of the wheels."""
-WHEELBASE, TRACK = 1.10, 1.20
-AXLE_HEIGHT = REAR[0] - 0.0115  # static deflection of the rear wheels
-FRONT_Z = FRONT[0] - 0.009 - AXLE_HEIGHT
 BLADE_X = -0.80
 GUIDE_X = -0.52
 """Guide of the lift, behind the rear axle."""
@@ -40,15 +28,6 @@ MAST = 2.0
 
 def mesh(colour: str, name: str, xyz: tuple = (0, 0, 0)) -> str:
     return drawing.mesh(colour, f"scraper/{name}", xyz)
-
-
-def paddy_wheel(radius: float, width: float, count: int) -> list:
-    """Narrow rubber hoop with bars across, as wheels for mud have."""
-    ring = [
-        (0.80 * radius, -0.30 * width), (0.90 * radius, -0.36 * width), (0.90 * radius, 0.36 * width),
-        (0.80 * radius, 0.30 * width),
-    ]  # fmt: skip
-    return revolve(ring, 44) + lugs(radius, width, count, 0.06 * radius)
 
 
 def mouldboard() -> list:
@@ -75,42 +54,12 @@ def end_plates() -> list:
 
 
 def meshes() -> dict[str, list]:
-    hood = [(0.72, 0.02), (1.52, -0.02), (1.62, 0.10), (1.60, 0.42), (1.40, 0.58), (0.72, 0.66)]
-    floor = [(-0.36, -0.06), (0.74, -0.06), (0.74, 0.06), (0.10, 0.06), (-0.02, 0.16), (-0.36, 0.20)]
-    pod = [(-0.34, 0.18), (0.04, 0.14), (0.06, 0.42), (-0.30, 0.46)]
-    nose = [(1.50, -0.10), (1.74, -0.06), (1.76, 0.02), (1.50, 0.04)]
-    return {
-        "hood": prism(hood, -0.27, 0.27) + prism(nose, -0.22, 0.22),
-        "body": prism(floor, -0.46, 0.46) + prism(pod, -0.30, 0.30),
-        "front_tyre": paddy_wheel(*FRONT, 14),
-        "front_rim": rim_mesh(0.80 * FRONT[0], FRONT[1], 5, 1.0),
-        "rear_tyre": paddy_wheel(*REAR, 18),
-        "rear_rim": rim_mesh(0.80 * REAR[0], REAR[1], 6, 1.0),
-        "blade": mouldboard(),
-        "end_plates": end_plates(),
-    }
+    return {**carrier_meshes(), "blade": mouldboard(), "end_plates": end_plates()}
 
 
 def chassis_visuals() -> list[str]:
-    q = math.pi / 2
     return [
-        box("dark", (1.70, 0.22, 0.20), (0.50, 0, -0.10)),
-        rod("dark", 0.07, TRACK - 0.12, (0, 0, 0), (q, 0, 0)),
-        mesh("paint", "hood"), mesh("white", "body"),
-        box("dark", (0.02, 0.34, 0.22), (1.615, 0, 0.25)),
-        box("light", (0.03, 0.10, 0.08), (1.60, 0.20, 0.40)), box("light", (0.03, 0.10, 0.08), (1.60, -0.20, 0.40)),
-        # seat, wheel, panel
-        box("seat", (0.40, 0.44, 0.10), (-0.10, 0, 0.51)),
-        box("seat", (0.10, 0.44, 0.40), (-0.30, 0, 0.74), (0, -0.15, 0)),
-        rod("dark", 0.02, 0.36, (0.66, 0, 0.72), (0, -0.5, 0)), rod("dark", 0.17, 0.025, (0.57, 0, 0.88), (0, -0.5, 0)),
-        box("dark", (0.14, 0.40, 0.10), (0.76, 0, 0.68), (0, -0.4, 0)),
-        # hand rails at the nose, fenders
-        *(rod("steel", 0.016, 0.62, (1.50, 0.38 * side, 0.25)) for side in (1, -1)),
-        *(rod("steel", 0.016, 0.80, (1.12, 0.38 * side, 0.56), (0, q, 0)) for side in (1, -1)),
-        *(box("white", (0.72, 0.14, 0.03), (-0.02, TRACK / 2 * side, 0.53)) for side in (1, -1)),
-        *(box("white", (0.20, 0.14, 0.03), (0.42, TRACK / 2 * side, 0.47), (0, 0.6, 0)) for side in (1, -1)),
-        *(box("steel", (0.05, 0.30, 0.05), (-0.25, 0.44 * side, 0.50)) for side in (1, -1)),
-        rod("amber", 0.045, 0.12, (-0.32, 0.26, 1.03)), rod("steel", 0.012, 0.30, (-0.32, 0.26, 0.86)),
+        *carrier_visuals("scraper"),
         # the guide of the lift: two posts behind the axle, braced to the frame, and the cylinder
         *(box("dark", (0.06, 0.07, 1.00), (GUIDE_X, 0.22 * side, 0.10)) for side in (1, -1)),
         box("dark", (0.06, 0.52, 0.07), (GUIDE_X, 0, 0.60)), box("dark", (0.06, 0.52, 0.07), (GUIDE_X, 0, -0.36)),
@@ -144,38 +93,13 @@ def scraper_visuals() -> list[str]:
 
 
 def main() -> None:
-    build = Builder("scraper", COLOURS)
+    colours = COLOURS | {"blade": (0.92, 0.66, 0.10), "edge": (0.40, 0.41, 0.43), "laser": (0.15, 0.55, 0.20)}
+    build = Builder("scraper", colours)
     # 705 kg in all: chassis with driver 430, front axle 25, knuckles 2 x 8, front wheels 2 x 20, rear wheels 2 x 32,
     # scraper 130. The chassis' centre of mass puts 40 % on the front axle:
     # x = (0.4 x 705 x 1.10 - 81 x 1.10 + 130 x 0.81) / 430 = 0.759 m.
     build.link("chassis", 430, (0.759, 0, 0.20), (85, 230, 235), chassis_visuals())
-    build.link(
-        "front_axle",
-        25,
-        (0, 0, 0),
-        (4, 0.6, 4.2),
-        [box("dark", (0.10, TRACK - 0.20, 0.09), (0, 0, 0)), box("dark", (0.26, 0.16, 0.14), (-0.02, 0, 0.05))],
-    )
-    build.joint("axle_pivot", "chassis", "front_axle", (WHEELBASE, 0, FRONT_Z), (1, 0, 0))
-    for side, name in ((1.0, "left"), (-1.0, "right")):
-        y = side * TRACK / 2
-        build.link(
-            f"knuckle_{name}",
-            8,
-            (0, 0, 0),
-            (0.1, 0.1, 0.1),
-            [box("steel", (0.07, 0.09, 0.22), (0, -0.10 * side, 0.04))],
-        )
-        build.joint(f"steering_{name}", "front_axle", f"knuckle_{name}", (0, y, 0), (0, 0, 1))
-        # Wheels spin with their own 1.5 and 5 kg m2 and as much again of the driveline as seen at the wheel.
-        build.link(
-            f"front_wheel_{name}_hub", 20, (0, 0, 0), (1.6, 3.0, 1.6), wheel_visuals("scraper", "front_", "rim", side)
-        )
-        build.joint(f"front_wheel_{name}", f"knuckle_{name}", f"front_wheel_{name}_hub", (0, 0, 0), (0, 1, 0))
-        build.link(
-            f"rear_wheel_{name}_hub", 32, (0, 0, 0), (5.2, 10.0, 5.2), wheel_visuals("scraper", "rear_", "rim", side)
-        )
-        build.joint(f"rear_wheel_{name}", "chassis", f"rear_wheel_{name}_hub", (0, y, 0), (0, 1, 0))
+    add_running_gear(build, "scraper")
     # 130 kg: a blade of 80 kg across, 0.2 m above its edge, carriage and mast.
     build.link("scraper", 130, (-0.01, 0, 0.35), (58, 24, 48), scraper_visuals())
     build.slide("lift", "chassis", "scraper", (BLADE_X, 0, -AXLE_HEIGHT), LOWEST, HIGHEST)

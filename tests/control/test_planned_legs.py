@@ -88,3 +88,23 @@ def test_passes_are_the_longest_set_of_parallel_straights_with_the_implement_dow
 def test_passes_are_parallel_within_a_degree(turn_deg: float, count: int) -> None:
     path = [{"straight_m": 40.0}, {"turn_deg": turn_deg, "radius_m": 2.0}, {"straight_m": 40.0}]
     assert len(parallel_passes(_legs(path))) == count
+
+
+def test_a_headland_turn_is_one_leg_of_several_pieces() -> None:
+    config = _config([{"passes": 3, "length_m": 30.0, "width_m": 2.0, "turn_radius_m": 2.0, "run_in_m": 1.0}])
+    driver = PathDriver(config, start_e_n_heading=START, wheelbase_m=2.0, seed=1)
+    legs, path = planned_legs(config, START), planned_path(config, START)
+    assert [leg.name for leg in legs] == list(driver.segment_names[:-1])
+    assert [len(leg.pieces) for leg in legs] == [1, 5, 1, 5, 1]
+    assert [leg.raised for leg in legs] == [False, True, False, True, False]
+    assert sum(leg.length_m for leg in legs) == pytest.approx(path.length_m)
+    station = 0.0
+    for leg in legs:
+        for share in (0.05, 0.3, 0.6, 0.95):
+            pose = path.pose(station + share * leg.length_m)
+            normal = np.array([-math.sin(pose.heading_rad), math.cos(pose.heading_rad)])
+            along, left = leg.project(np.array([pose.east_m, pose.north_m]) + 0.2 * normal)
+            assert along == pytest.approx(share * leg.length_m, abs=1e-6)
+            assert left == pytest.approx(0.2, abs=1e-6)
+        station += leg.length_m
+    assert [leg.length_m for leg in parallel_passes(legs)] == [30.0, 30.0, 30.0]

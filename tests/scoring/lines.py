@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.small_scenario import small_scenario
+from twin.control.planned_legs import PlannedPiece
 from twin.recording import Stream
 from twin.scenario import Scenario, resolve
 from twin.scoring.scorer import Scorer
@@ -45,20 +46,32 @@ def driven(
     rows: list[tuple[float, ...]] = []
     for leg in scenario.planned_legs:
         beside = left_m if isinstance(left_m, float) else left_m.get(leg.index, 0.0)
-        count = max(1, round((leg.length_m / speed_m_s if leg.length_m else 40.0) * rate_hz))
-        for step in range(count):
-            along = leg.length_m * step / count
-            turned = leg.curvature_1_m * along
-            chord = along * float(np.sinc(turned / 2.0 / math.pi))
-            course, heading = leg.heading_rad + turned / 2.0, leg.heading_rad + turned
-            east = leg.east_m + chord * math.cos(course) - beside * math.sin(heading)
-            north = leg.north_m + chord * math.sin(course) + beside * math.cos(heading)
-            speed = speed_m_s if leg.length_m else 0.0
-            wrapped = math.remainder(heading, 2.0 * math.pi)
-            rows.append((east, north, wrapped, speed, speed * leg.curvature_1_m, float(leg.index)))
+        standing = PlannedPiece(
+            east_m=leg.east_m, north_m=leg.north_m, heading_rad=leg.heading_rad, length_m=0.0, curvature_1_m=0.0
+        )
+        for piece in leg.pieces or (standing,):
+            rows += _along(piece, beside, speed_m_s, rate_hz, leg.index)
     names = ("position_e_m", "position_n_m", "heading_rad", "speed_m_s", "yaw_rate_rad_s", "segment")
     t_ns = np.arange(len(rows), dtype=np.int64) * round(1e9 / rate_hz)
     return Stream(columns=names, t_ns=t_ns, values=np.array(rows)[:, np.newaxis])
+
+
+def _along(
+    piece: PlannedPiece, beside_m: float, speed_m_s: float, rate_hz: float, index: int
+) -> list[tuple[float, ...]]:
+    rows: list[tuple[float, ...]] = []
+    count = max(1, round((piece.length_m / speed_m_s if piece.length_m else 40.0) * rate_hz))
+    for step in range(count):
+        along = piece.length_m * step / count
+        turned = piece.curvature_1_m * along
+        chord = along * float(np.sinc(turned / 2.0 / math.pi))
+        course, heading = piece.heading_rad + turned / 2.0, piece.heading_rad + turned
+        east = piece.east_m + chord * math.cos(course) - beside_m * math.sin(heading)
+        north = piece.north_m + chord * math.sin(course) + beside_m * math.cos(heading)
+        speed = speed_m_s if piece.length_m else 0.0
+        wrapped = math.remainder(heading, 2.0 * math.pi)
+        rows.append((east, north, wrapped, speed, speed * piece.curvature_1_m, float(index)))
+    return rows
 
 
 def estimate_of(truth: Stream, east_m: Array | float, north_m: Array | float, **others: Array | float) -> Stream:

@@ -11,6 +11,7 @@ from tests.sensors.motions import Log, circle, drive, preset, sensor
 
 PRESETS = ["imu_row_unit", "imu_mpu6050", "imu_mti300", "radar_99ppm", "rtk_f9p_dual", "rtk_survey", "single_point"]
 PRESETS += ["rtk_chcnav_i70", "ahrs_mti300", "laser_lr4009", "lmt_millay", "lift_stroke"]
+PRESETS += ["lea_5s", "trurover", "gyro_gx1", "potentiometer_n35"]
 RECEIVER_FAULTS = [
     {"kind": "corrections_old", "growth": 0.5, "from_s": 0.5, "to_s": 2.0},
     {"kind": "corrections_lost", "from_s": 2.0, "to_s": 3.0},
@@ -27,6 +28,8 @@ FIRST = {
     "ahrs": "free_accel_u_m_s2",
     "laser_receiver": "height_level_m",
     "displacement_transducer": "displacement_m",
+    "yaw_gyro": "yaw_rate_rad_s",
+    "angle_transducer": "steering_angle_rad",
 }
 
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from twin.sensors.converter import converter
 from twin.sensors.noise import (
     GaussMarkov,
     LowPass,
     OccasionalNormals,
-    Quantiser,
     RandomWalk,
     Streams,
     WhiteNoise,
@@ -112,10 +112,10 @@ def test_low_pass_has_the_exact_step_response_and_starts_settled() -> None:
 
 
 def test_converter_rounds_to_its_lsb_and_clips_at_its_codes() -> None:
-    converter = Quantiser.adc(full_scale=[2.0, None], bits=4)
+    quantiser = converter(full_scale=[2.0, None], bits=4)
     # LSB = 2 * 2 / 16; codes -8 to 7.
-    assert converter.lsb.tolist() == [0.25, 0.0]
-    values = converter.apply(np.array([[0.12, 0.12], [0.13, 9.0], [5.0, 5.0], [-5.0, -5.0]]))
+    assert quantiser.lsb.tolist() == [0.25, 0.0]
+    values = quantiser.apply(np.array([[0.12, 0.12], [0.13, 9.0], [5.0, 5.0], [-5.0, -5.0]]))
     np.testing.assert_array_equal(values, [[0.0, 0.12], [0.25, 9.0], [1.75, 5.0], [-2.0, -5.0]])
 
 

@@ -30,6 +30,7 @@ def test_the_presets_that_scenarios_name_exist() -> None:
     wanted = {"radar_99ppm", "rtk_f9p", "single_point", "imu_row_unit", "imu_mpu6050", "imu_mti300"}
     wanted |= {"imu_bno085", "mag_qmc5883l", "mag_qmc5883l_8g", "mag_hmc5883l", "wheel_encoders_lm393"}
     wanted |= {"rtk_survey", "rtk_f9p_dual", "rtk_chcnav_i70", "rtk_navcom_sf3050", "lea_5s"}
+    wanted |= {"trurover", "gx1230", "gx1230_raw", "dgps", "gyro_gx1", "potentiometer_n35", "encoders_e6b2"}
     assert wanted <= set(NAMES)
 
 

@@ -17,6 +17,7 @@ from twin.world.scraper import ScraperConfig
 from twin.world.simulation import World, build_world
 from twin.world.soil import SoilConfig
 from twin.world.terrain import FlatTerrain, SlopeTerrain
+from twin.world.transplanter import TransplanterConfig
 
 WorldMaker = Callable[..., World]
 
@@ -27,6 +28,7 @@ MACHINES: dict[str, type[MachineBaseConfig]] = {
     "orchard_robot_large": OrchardRobotLargeConfig,
     "rail_bench": RailBenchConfig,
     "scraper": ScraperConfig,
+    "transplanter": TransplanterConfig,
 }
 """Machines by kind."""
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from tests.world.conftest import WorldMaker, column
-from twin.control.path_following import planned_path
+from twin.control import build_driver
+from twin.control.path_following import PathDriverConfig, planned_path
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.paths import SCENARIOS
 from twin.scenario import load
-from twin.signals import Command
+from twin.signals import Command, Knowledge
 from twin.world.prototype_car import (
     ARM_M,
     AXLE_HEIGHT_M,
@@ -72,7 +73,10 @@ def test_rows_and_mounts_are_those_of_the_bar() -> None:
         assert config.resolved_mounts[f"row_{row}"].xyz_m == (0.0, y, config.reference.xyz_m[2])
     # The RTK antenna stands at the fourth unit (paper 000, section 4.2.4).
     assert config.resolved_mounts["rtk_antenna"].xyz_m[:2] == config.resolved_mounts["row_4"].xyz_m[:2]
-    assert {"radar", "accosat", "antenna"} <= set(config.mounts)
+    assert {"radar", "accosat", "antenna", "antenna_reference"} <= set(config.mounts)
+    # Both antennas of paper 004, 0.5 m apart at one height.
+    apart = np.subtract(*(config.resolved_mounts[name].xyz_m for name in ("antenna_reference", "antenna")))
+    assert apart == pytest.approx((0.0, 0.5, 0.0))
     # The bar stands over the rear axle, so that it starts where the car does.
     assert config.reference_start == pytest.approx((0.0, 0.0, 0.0))
     assert np.array(config.footprint_m) == pytest.approx(np.array([[0.0, -1.2], [WHEELBASE_M, 1.2]]))
@@ -169,3 +173,38 @@ def test_the_base_scenarios_route_is_the_papers() -> None:
     assert length / v + 0.5 * v / a + 0.5 * v / (0.9 * a) == pytest.approx(95.0, abs=1.0)
     assert scenario.machine.kind == "prototype_car"
     assert {"imu_1", "imu_2", "imu_3", "imu_4", "radar", "accosat", "gps", "rtk"} == set(scenario.sensors)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "radius_m"), [(20.0 / 3.6, 25.0), (40.0 / 3.6, 25.0), (40.0 / 3.6, 40.0), (15.0, 40.0)]
+)
+def test_a_driver_takes_it_round_the_bends_of_a_driven_pass(
+    make_world: WorldMaker, speed_m_s: float, radius_m: float
+) -> None:
+    """Paper 004 drives at 20 to 40 km/h.
+
+    At a lateral acceleration a the rear tyres slip by beta = a / (g c), c = 21.9 per load and radian, so the nose
+    points into the bend by beta, which the feedback (w^2 e + 2 w beta = 0) takes for an error: the car runs 2 beta / w
+    outside.
+    """
+    bend = {"turn_deg": 180.0, "radius_m": radius_m}
+    config = PathDriverConfig.model_validate(
+        {"path": [{"straight_m": 100.0}, bend, {"straight_m": 100.0}], "speed_m_s": speed_m_s, "acceleration_m_s2": 2.0}
+    )
+    driver = build_driver(config, start_e_n_heading=(0.0, 0.0, 0.0), wheelbase_m=WHEELBASE_M, seed=1)
+    world = make_world(kind="prototype_car", soil="asphalt")
+    station, log = 0.0, []
+    while driver.segment < 3 and world.tick < 90 * PER_S:
+        vehicle = world.vehicle()
+        world.command(driver.command(Knowledge(t_ns=0, vehicle=vehicle), 0.02))
+        station, offset = driver.path.project(vehicle.east_m, vehicle.north_m, near_m=station)
+        log.append((driver.segment, offset, vehicle.speed_m_s))
+        world.advance(world.tick + 10)
+    assert driver.segment == 3
+    bandwidth = min(0.25, 1.0 / (0.5 * speed_m_s))
+    outside = 2.0 * speed_m_s**2 / radius_m / (G * 21.9) / bandwidth
+    in_bend = np.array([offset for leg, offset, _ in log if leg == 1])
+    assert -in_bend[-25:].mean() == pytest.approx(outside, rel=0.1)
+    assert np.abs(in_bend).max() < 1.5 * outside + 0.05
+    assert max(speed for *_, speed in log) == pytest.approx(speed_m_s, rel=0.03)
+    assert abs(log[-1][1]) < 0.05

@@ -12,20 +12,12 @@ from twin.control import LevellingControlConfig, build_implement
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.signals import HEIGHT, Command, Knowledge
 from twin.world import dynamics
-from twin.world.scraper import (
-    BLADE_X_M,
-    DRIVE,
-    LIFT,
-    MASS_KG,
-    TRACK_M,
-    WHEELBASE_M,
-    WHEELS,
-    ScraperConfig,
-)
+from twin.world.scraper import BLADE_X_M, LIFT, WHEELS, ScraperConfig
 from twin.world.simulation import World
 from twin.world.soil import SoilConfig
 from twin.world.statics import static_loads
 from twin.world.terrain import FlatTerrain, RoughTerrain, Terrain, build_terrain
+from twin.world.transplanter_carrier import DRIVE, MASS_KG, TRACK_M, WHEELBASE_M
 from twin.world.urdf import read_urdf
 
 FIELD = FlatTerrain(kind="flat", size_m=(30.0, 10.0))

@@ -38,6 +38,9 @@ def run(  # noqa: PLR0917  (typer makes options of them)
     out: Out = Path("runs"),
     rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer.")] = True,
     junit: Annotated[Path | None, typer.Option(help="Write a JUnit report to this file.")] = None,
+    nmea: Annotated[
+        Path | None, typer.Option(help="Write what each receiver would have sent, as NMEA files below this folder.")
+    ] = None,
     estimator: Plugins = None,
     update_baselines: Annotated[bool, typer.Option(help="Rewrite the baselines that moved.")] = False,
     full_rate: Annotated[bool, typer.Option("--full-rate", help="Keep the truth of every physics step.")] = False,
@@ -53,6 +56,7 @@ def run(  # noqa: PLR0917  (typer makes options of them)
         out=out,
         rrd=rrd,
         junit=junit,
+        nmea=nmea,
         estimators=tuple(estimator or ()),
         update_baselines=update_baselines,
         full_rate=full_rate,
@@ -98,20 +102,42 @@ def stress(  # noqa: PLR0917  (typer makes options of them)
 
 
 @app.command()
-def replay(
-    folder: Annotated[Path, typer.Argument(help="A run folder, or a recorded trial of BROAD (.mat).")],
+def replay(  # noqa: PLR0917  (typer makes options of them)
+    log: Annotated[
+        Path, typer.Argument(help="A run folder, a log (NMEA, .pos, CSV, ...), or a trial of BROAD (.mat).")
+    ],
     settings: Settings = None,
-    estimator: Plugins = None,
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]KIND[:KEY=VALUE,...]",
+            help="Over a log: kinds, as guidance_pv or cv=guidance_kinematic:model=constant_velocity. "
+            "Over anything: your own, as package.module:Class, or a registered name.",
+        ),
+    ] = None,
+    reference: Annotated[Path | None, typer.Option(help="Another log of the same drive, to compare with.")] = None,
+    mapping: Annotated[Path | None, typer.Option(help="What the columns of a table of numbers mean (TOML).")] = None,
+    origin: Annotated[
+        str | None, typer.Option(metavar="LAT,LON", help="Of the local frame, deg; default: the first position.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results of a log; default: runs.")] = None,
+    rrd: Annotated[bool, typer.Option(help="Write run.rrd of a log for the Rerun viewer.")] = True,
     as_json: Json = False,
 ) -> int:
-    """Run the estimators again over recorded measurements, without the world."""
-    if folder.suffix == ".mat":
-        from twin.cli.replaying_trial import replay_file  # noqa: PLC0415
+    """Run estimators over recorded measurements, without the world: those of a run, or a log of real receivers."""
+    from twin.cli.replaying_log import LogOptions, replay_any  # noqa: PLC0415
 
-        return replay_file(folder, settings=tuple(settings or ()), estimators=tuple(estimator or ()), as_json=as_json)
-    from twin.cli.replaying import replay_folder  # noqa: PLC0415
-
-    return replay_folder(folder, settings=tuple(settings or ()), estimators=tuple(estimator or ()), as_json=as_json)
+    options = LogOptions(
+        settings=tuple(settings or ()),
+        estimators=tuple(estimator or ()),
+        reference=reference,
+        mapping=mapping,
+        origin=origin,
+        out=out,
+        rrd=rrd,
+        as_json=as_json,
+    )
+    return replay_any(log, options)
 
 
 @app.command()

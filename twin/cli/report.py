@@ -57,6 +57,18 @@ class Reporter:
 
         return line
 
+    def log_progress(self, name: str) -> Callable[[float], None]:
+        """A plain line now and then about a log whose length nobody knows."""
+        last = time.monotonic()
+
+        def line(t_s: float) -> None:
+            nonlocal last
+            if time.monotonic() - last >= _PLAIN_LINE_EVERY_S:
+                last = time.monotonic()
+                self._console.print(f"{name}: {t_s:.0f} s read")
+
+        return line
+
     def result(self, loaded: LoadedScenario, found: Repetitions, folders: Sequence[Path], *, rrd: bool) -> None:
         """Table, checks, verdict, speed, and where the files are."""
         self._console.print()

@@ -15,6 +15,7 @@ from twin import scenario as scenario_files
 from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
 from twin.cli.junit import write_junit
 from twin.cli.report import Reporter
+from twin.cli.sentences import write_sentences
 from twin.errors import BadInputError
 from twin.estimation import EstimatorFactory
 from twin.recording import Recording, save
@@ -35,6 +36,7 @@ class RunOptions:
     out: Path
     rrd: bool
     junit: Path | None
+    nmea: Path | None
     estimators: tuple[str, ...]
     update_baselines: bool
     full_rate: bool
@@ -78,6 +80,8 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
     require_writable(options.out)
     if options.junit is not None:
         require_writable(options.junit.parent)
+    if options.nmea is not None:
+        require_writable(options.nmea)
     finished: list[Repetitions | Crash] = []
     for item in loaded:
         try:
@@ -144,6 +148,8 @@ def _run_one(
             if options.rrd and recording is recordings[0]:
                 verdict.timing["rrd_s"] = _write_rrd(recording, verdict, building / "run.rrd")
             write_result(building, verdict.as_json())
+        if options.nmea is not None:
+            write_sentences(recording, verdict.scenario, options.nmea)
     found = Repetitions(verdicts)
     reporter.result(loaded, found, folders, rrd=options.rrd)
     return found

@@ -89,7 +89,12 @@ DriverConfigUnion = Annotated[
 
 
 def build_driver(
-    config: AnyDriverConfig, *, start_e_n_heading: tuple[float, float, float], wheelbase_m: float, seed: int
+    config: AnyDriverConfig,
+    *,
+    start_e_n_heading: tuple[float, float, float],
+    wheelbase_m: float,
+    seed: int,
+    reference_x_m: float = 0.0,
 ) -> Driver:
     """Make the driver a configuration describes.
 
@@ -98,10 +103,18 @@ def build_driver(
         start_e_n_heading: where the middle of the axle that does not steer stands at the beginning, m and rad.
         wheelbase_m: of the machine; zero where nothing steers.
         seed: of the world, which decides how a driver wanders.
+        reference_x_m: how far before that middle the reference frame is, of which estimates tell; it does not change
+            what is planned.
     """
     match config:
         case PathDriverConfig():
-            return PathDriver(config, start_e_n_heading=start_e_n_heading, wheelbase_m=wheelbase_m, seed=seed)
+            return PathDriver(
+                config,
+                start_e_n_heading=start_e_n_heading,
+                wheelbase_m=wheelbase_m,
+                seed=seed,
+                reference_x_m=reference_x_m,
+            )
         case HeadingHoldConfig():
             return HeadingHold(config, start_e_n_heading=start_e_n_heading)
         case TreeDistancesDriverConfig():

@@ -18,11 +18,11 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from twin.config import NonNegative, Positive
+from twin.control.hearing import TRUTH
 from twin.control.lane_keeping import (
     STANDING,
     STOPPED_AT_END,
     STOPPED_AT_SIGN,
-    TRUTH,
     LaneDriver,
     LaneDriverConfig,
 )

@@ -16,7 +16,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from twin.config import Config, NonNegative, Positive
+from twin.config import NonNegative, Positive
+from twin.control.hearing import TRUTH, ControllerConfig
 from twin.geometry import Path
 from twin.signals import (
     HEADING,
@@ -36,10 +37,8 @@ STANDING = "standing"
 STOPPED_AT_SIGN = "stopped at the sign"
 STOPPED_AT_END = "stopped at the end of the lane"
 
-TRUTH = "truth"
 
-
-class LaneDriverConfig(Config):
+class LaneDriverConfig(ControllerConfig):
     """What every driver of a lane has."""
 
     follows: str = TRUTH

@@ -28,22 +28,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from twin.config import Config, NonNegative, Positive
-from twin.signals import HEIGHT, VELOCITY, Command, Knowledge, Listening, Said, sigma_column
+from twin.config import NonNegative, Positive
+from twin.control.hearing import TRUTH, FollowerConfig
+from twin.signals import HEIGHT, VELOCITY, Command, Knowledge, Said, sigma_column
 
-TRUTH = "truth"
 _UP_M_S = 1.0
 """More than any lift can do: to the stop."""
 _TRUST_AGAIN = 0.8
 """Share of ``raise_when_sigma_m`` below which the blade goes down again."""
 
 
-class LevellingControlConfig(Config):
-    """Who holds the blade, and by what."""
+class LevellingControlConfig(FollowerConfig):
+    """Who holds the blade, and by which estimator of its height."""
 
     kind: Literal["levelling"]
-    follows: str = TRUTH
-    """Estimator of the height, or "truth"."""
     gain_1_s: Annotated[float, Field(gt=0.0, le=20.0)] = 5.0
     """Lift speed per height error."""
     dead_time_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.12
@@ -66,15 +64,9 @@ class LevellingControlConfig(Config):
     """Lift the blade as long as the estimator's sigma of the height is larger, or it tells none; without it never."""
 
     @property
-    def listens(self) -> Listening:
-        """Whom it listens to."""
-        return Listening() if self.follows == TRUTH else Listening(estimators=(self.follows,), truth=False)
-
-    @property
-    def needed_columns(self) -> dict[str, tuple[str, ...]]:
+    def goes_by(self) -> tuple[str, ...]:
         """Columns that are needed of the estimator."""
-        sigma = () if self.raise_when_sigma_m is None else (sigma_column(HEIGHT),)
-        return {} if self.follows == TRUTH else {self.follows: (HEIGHT, *sigma)}
+        return (HEIGHT,) if self.raise_when_sigma_m is None else (HEIGHT, sigma_column(HEIGHT))
 
 
 class LevellingControl:

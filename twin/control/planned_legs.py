@@ -8,18 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.control.path_following import PathDriverConfig, Segment
+from twin.control.path_following import PathDriverConfig
+from twin.control.path_plan import lay_out
 from twin.geometry import Path
 from twin.signals import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedLeg:
-    """A straight, an arc, or a place where the machine stands or spins (without length)."""
+class PlannedPiece:
+    """A straight or an arc of a segment."""
 
-    index: int
-    """Value of the truth's ``segment`` while the driver is at it."""
-    name: str
     east_m: float
     north_m: float
     """Where it begins."""
@@ -28,20 +26,6 @@ class PlannedLeg:
     length_m: float
     curvature_1_m: float
     """Positive to the left; zero of a straight."""
-    raised: bool
-    """The implement is out of the ground."""
-    spins: bool = False
-    """The machine turns on the spot."""
-
-    @property
-    def is_straight(self) -> bool:
-        """Whether it is driven along a straight line."""
-        return self.length_m > 0.0 and self.curvature_1_m == 0.0
-
-    @property
-    def is_arc(self) -> bool:
-        """Whether it is driven along an arc."""
-        return self.length_m > 0.0 and self.curvature_1_m != 0.0
 
     @property
     def direction(self) -> FloatArray:
@@ -49,9 +33,9 @@ class PlannedLeg:
         return np.array([math.cos(self.heading_rad), math.sin(self.heading_rad)])
 
     def project(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distance along the leg and offset to its left of points (..., 2), each of shape (...), m.
+        """Distance along the piece and offset to its left of points (..., 2), each of shape (...), m.
 
-        Exact on the line or circle of which the leg is a part; the distance is negative before the beginning and may
+        Exact on the line or circle of which the piece is a part; the distance is negative before the beginning and may
         exceed the length. That of an arc is of the point of the circle nearest to its middle, half a turn either way.
         """
         away = points_m - np.array([self.east_m, self.north_m])
@@ -67,37 +51,96 @@ class PlannedLeg:
         return along, side * (radius - np.hypot(forward, radius - side * left))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedLeg:
+    """A straight, an arc, a headland turn of several of them, or a place where the machine stands or spins."""
+
+    index: int
+    """Value of the truth's ``segment`` while the driver is at it."""
+    name: str
+    east_m: float
+    north_m: float
+    """Where it begins."""
+    heading_rad: float
+    """At its beginning."""
+    pieces: tuple[PlannedPiece, ...]
+    """One after the other; none where the machine stands or spins."""
+    raised: bool
+    """The implement is out of the ground."""
+    spins: bool = False
+    """The machine turns on the spot."""
+
+    @property
+    def length_m(self) -> float:
+        """Of all pieces."""
+        return sum(piece.length_m for piece in self.pieces)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it is driven along one straight line."""
+        return bool(self.pieces) and not self.is_arc
+
+    @property
+    def is_arc(self) -> bool:
+        """Whether there is an arc in it."""
+        return any(piece.curvature_1_m for piece in self.pieces)
+
+    @property
+    def direction(self) -> FloatArray:
+        """Unit vector (2,), east and north, along its beginning."""
+        return np.array([math.cos(self.heading_rad), math.sin(self.heading_rad)])
+
+    def project(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distance along the leg and offset to its left of points (..., 2), each of shape (...), m.
+
+        Of several pieces the nearest counts beside which a point is; a point that is beside none gets NaN. Along a leg
+        of one piece that goes on beyond its ends.
+        """
+        if len(self.pieces) == 1:
+            return self.pieces[0].project(points_m)
+        along = np.full(points_m.shape[:-1], math.nan)
+        left, nearest = along.copy(), np.full(points_m.shape[:-1], math.inf)
+        station = 0.0
+        for piece in self.pieces:
+            on_it, beside = piece.project(points_m)
+            here = (on_it >= 0.0) & (on_it <= piece.length_m) & (np.abs(beside) < nearest)
+            nearest = np.where(here, np.abs(beside), nearest)
+            along, left = np.where(here, station + on_it, along), np.where(here, beside, left)
+            station += piece.length_m
+        return along, left
+
+
 def planned_legs(config: PathDriverConfig, start_e_n_heading: tuple[float, float, float]) -> list[PlannedLeg]:
     """Lay the driver's segments out from the start pose of the rear axle (east m, north m, heading rad)."""
-    legs: list[PlannedLeg] = []
-    east, north, heading = start_e_n_heading
-    for segment in config.path:
-        length, curvature = _shape(segment)
-        spin = math.radians(segment.spin_deg or 0.0)
-        if length or spin or segment.stop_s is not None:
-            legs.append(
-                PlannedLeg(
-                    index=len(legs), name=segment.name, east_m=east, north_m=north, heading_rad=heading,
-                    length_m=length, curvature_1_m=curvature, raised=segment.raised, spins=bool(spin),
-                )
-            )  # fmt: skip
-        if length:
+    laid, legs = lay_out(config.path, config.speed_m_s)
+    # a spin is a piece without length
+    waiting = [(length, curvature) for length, curvature in laid if length > 0.0]
+    found: list[PlannedLeg] = []
+    pose = start_e_n_heading
+    for index, leg in enumerate(legs):
+        begin, pieces = pose, list[PlannedPiece]()
+        missing = leg.to_m - leg.from_m
+        while missing > _NOTHING_M:
+            length, curvature = waiting.pop(0)
+            east, north, heading = pose
+            pieces.append(
+                PlannedPiece(east_m=east, north_m=north, heading_rad=heading, length_m=length, curvature_1_m=curvature)
+            )
             end = Path(east_m=east, north_m=north, heading_rad=heading, pieces=[(length, curvature)]).pose(length)
-            east, north, heading = end.east_m, end.north_m, end.heading_rad
-        heading += spin
-    return legs
+            pose = end.east_m, end.north_m, end.heading_rad
+            missing -= length
+        found.append(
+            PlannedLeg(
+                index=index, name=leg.name, east_m=begin[0], north_m=begin[1], heading_rad=begin[2],
+                pieces=tuple(pieces), raised=leg.raised, spins=leg.spin_rad != 0.0,
+            )
+        )  # fmt: skip
+        pose = pose[0], pose[1], pose[2] + leg.spin_rad
+    return found
 
 
-def _shape(segment: Segment) -> tuple[float, float]:
-    """Length (m) and curvature (1/m)."""
-    if segment.straight_m is not None:
-        return segment.straight_m, 0.0
-    if segment.turn_deg is not None and segment.radius_m is not None:
-        length = abs(math.radians(segment.turn_deg)) * segment.radius_m
-        return length, math.copysign(1.0 / segment.radius_m, segment.turn_deg)
-    return 0.0, 0.0
-
-
+_NOTHING_M = 1e-9
+"""Of a leg that is left when its pieces are taken: rounding."""
 PARALLEL_RAD = math.radians(1.0)
 
 

@@ -16,10 +16,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from twin.config import Config, NonNegative, Probability
+from twin.config import NonNegative, Probability
+from twin.control.hearing import ControllerConfig
 from twin.geometry import Path
 from twin.randomness import world_generator
-from twin.signals import NS_PER_S, STROKE, Command, Knowledge, Listening
+from twin.signals import NS_PER_S, STROKE, Command, Knowledge
 
 _STANDING, _MOVING = 0, 1
 _PEAK_TO_MEAN = 15.0 / 8.0
@@ -29,7 +30,7 @@ _HAND_1_S = 10.0
 """How fast the hand corrects what it sees of its error."""
 
 
-class ReciprocationConfig(Config):
+class ReciprocationConfig(ControllerConfig):
     """The hand on a bench's handle."""
 
     kind: Literal["reciprocation"]
@@ -60,16 +61,6 @@ class ReciprocationConfig(Config):
         if self.slowest_m_s > self.fastest_m_s:
             raise ValueError(f"slowest_m_s = {self.slowest_m_s:g} is more than fastest_m_s = {self.fastest_m_s:g}")
         return self
-
-    @property
-    def listens(self) -> Listening:
-        """Whoever holds the handle asks nobody."""
-        return Listening()
-
-    @property
-    def needed_columns(self) -> dict[str, tuple[str, ...]]:
-        """Nothing is needed of anybody."""
-        return {}
 
 
 class Reciprocation:

@@ -33,7 +33,8 @@ from typing import ClassVar, Literal
 from pydantic import field_validator
 
 from twin.config import Positive
-from twin.control.lane_keeping import STANDING, STOPPED_AT_END, STOPPED_AT_SIGN, TRUTH, LaneDriver, LaneDriverConfig
+from twin.control.hearing import TRUTH
+from twin.control.lane_keeping import STANDING, STOPPED_AT_END, STOPPED_AT_SIGN, LaneDriver, LaneDriverConfig
 from twin.signals import Knowledge
 
 DRIVING, NO_TREES = "driving", "straight on: no trees"

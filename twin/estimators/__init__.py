@@ -11,6 +11,11 @@ from typing import Annotated
 from pydantic import Field
 
 from twin.estimators.adapter import AdaptedEstimator, PluginConfig, load_class, load_entry_point
+from twin.estimators.guidance_filter import GuidanceFilter, GuidanceFilterConfig
+from twin.estimators.guidance_gps import GuidanceGps, GuidanceGpsConfig
+from twin.estimators.guidance_imm import GuidanceImm, GuidanceImmConfig
+from twin.estimators.guidance_kinematic import GuidanceKinematic, GuidanceKinematicConfig
+from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
 from twin.estimators.heading_complementary import HeadingComplementary, HeadingComplementaryConfig
 from twin.estimators.heading_filter import HeadingFilter, HeadingFilterConfig
 from twin.estimators.heading_kalman import HeadingKalman, HeadingKalmanConfig
@@ -31,6 +36,11 @@ __all__ = [
     "AdaptedEstimator",
     "EstimatorConfigUnion",
     "GnssSpeedOnlyConfig",
+    "GuidanceFilterConfig",
+    "GuidanceGpsConfig",
+    "GuidanceImmConfig",
+    "GuidanceKinematicConfig",
+    "GuidancePvConfig",
     "HeadingComplementaryConfig",
     "HeadingFilterConfig",
     "HeadingKalmanConfig",
@@ -56,7 +66,10 @@ HeadingFilterUnion = (
 RowSpeedUnion = RowSpeedEkfConfig | RowSpeedInsConfig | RadarOnlyConfig | GnssSpeedOnlyConfig
 LaneUnion = RowFilterConfig | TreeDistancesConfig
 HeightUnion = HeightHoldConfig | HeightVpkfConfig | HeightFilterConfig
-AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | PluginConfig
+GuidanceUnion = (
+    GuidanceGpsConfig | GuidancePvConfig | GuidanceFilterConfig | GuidanceKinematicConfig | GuidanceImmConfig
+)
+AnyEstimatorConfig = RowSpeedUnion | HeadingFilterUnion | LaneUnion | HeightUnion | GuidanceUnion | PluginConfig
 EstimatorConfigUnion = Annotated[AnyEstimatorConfig, Field(discriminator="kind")]
 
 
@@ -95,5 +108,15 @@ def build_estimator(  # noqa: C901, PLR0911, PLR0912 - one case per kind
             return HeightVpkf(config, setup)
         case HeightFilterConfig():
             return HeightFilter(config, setup)
+        case GuidanceGpsConfig():
+            return GuidanceGps(config, setup)
+        case GuidancePvConfig():
+            return GuidancePv(config, setup)
+        case GuidanceFilterConfig():
+            return GuidanceFilter(config, setup)
+        case GuidanceKinematicConfig():
+            return GuidanceKinematic(config, setup)
+        case GuidanceImmConfig():
+            return GuidanceImm(config, setup)
         case PluginConfig():
             return AdaptedEstimator(load_entry_point(config.name), setup, config.options)

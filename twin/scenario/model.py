@@ -11,6 +11,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 from twin import paths
 from twin.config import Config, Names, NonNegative, Positive, Probability
 from twin.control import DriverConfigUnion, ImplementConfigUnion, PathDriverConfig, ReciprocationConfig
+from twin.control.path_plan import Segment, tightest_m
 from twin.control.planned_legs import PlannedLeg, planned_legs
 from twin.control.seed_metering import SeedingConfig
 from twin.coverage import CoverageConfig
@@ -18,8 +19,10 @@ from twin.errors import BadInputError
 from twin.estimators import EstimatorConfigUnion
 from twin.families import LIMITED
 from twin.formats.geodetic import Origin
+from twin.formats.nmea_style import NmeaStyle
 from twin.formats.planter_bus import BusConfig
 from twin.sensors import SensorConfigUnion
+from twin.sensors.triggers import sources
 from twin.signals import JointNeed, Listening
 from twin.validation import did_you_mean
 from twin.world import (
@@ -234,6 +237,8 @@ class Scenario(Config):
     """What the row units plant; without it no seed is metered."""
     bus: dict[str, BusConfig] = Field(default_factory=dict)
     """CAN buses whose load is worked out, by name; they have no effect on the run."""
+    nmea: dict[str, NmeaStyle] = Field(default_factory=dict)
+    """How receivers write their sentences, by sensor; of the others position_resolution_m and the states decide."""
     scoring: ScoringConfig = ScoringConfig()
     recording: RecordingConfig = RecordingConfig()
     published: dict[str, float] = Field(default_factory=dict)
@@ -270,6 +275,15 @@ class Scenario(Config):
                     raise ValueError(f"estimators.{name}.sensors: {unknown(sensor_name, self.sensors, 'sensor')}")
         return self
 
+    @model_validator(mode="after")
+    def _triggers_exist(self) -> Self:
+        for name in self.sensors:
+            try:
+                sources(name, self.sensors)
+            except BadInputError as error:
+                raise ValueError(str(error)) from None
+        return self
+
     def _require_joints(self, need: JointNeed, key: str) -> None:
         joints, wanted = self.machine.joints, "slide" if need.slides else "hinge"
         for joint in need.joints:
@@ -297,9 +311,22 @@ class Scenario(Config):
         return self
 
     @model_validator(mode="after")
+    def _receivers_write(self) -> Self:
+        for name, style in self.nmea.items():
+            for key, sensor, kind, what in (
+                (f"nmea.{name}", name, "gnss", "GNSS receiver"),
+                (f"nmea.{name}.imu", style.imu, "ahrs", "attitude reference"),
+            ):
+                fitting = [each for each, config in self.sensors.items() if config.kind == kind]
+                if sensor is not None and sensor not in fitting:
+                    raise ValueError(f"{key}: {unknown(sensor, fitting, what)}")
+        return self
+
+    @model_validator(mode="after")
     def _controllers_hear(self) -> Self:
         for section, controller in self.controllers.items():
-            listens, keys = controller.listens, {value: key for key, value in controller if isinstance(value, str)}
+            listens = controller.listens
+            keys = {value: key for key, value in controller if isinstance(value, str) and key != "kind"}
             heard: tuple[tuple[str, Mapping[str, Any], tuple[str, ...]], ...] = (
                 ("estimator", self.estimators, listens.estimators),
                 ("sensor", self.sensors, listens.sensors),
@@ -361,13 +388,20 @@ class Scenario(Config):
         if not isinstance(self.driver, PathDriverConfig):
             kind = self.driver.kind
             raise ValueError(f"driver.kind: {kind!r} turns on the spot, which a {self.machine.kind} cannot")  # noqa: TRY004
-        for segment in self.driver.path:
-            if segment.spin_deg is not None:
+        if self.driver.listens.closes_loop and self.machine.reference_swings:
+            body, root = self.machine.reference.body, self.machine.root
+            raise ValueError(
+                f"driver.follows: estimates are of a frame on {body!r}, which swings about the machine that is to be"
+                f" steered; put machine.bar on {root!r}, or follow 'truth'"
+            )
+        for entry in self.driver.path:
+            if isinstance(entry, Segment) and entry.spin_deg is not None:
                 raise ValueError(f"driver.path: spin_deg: a {self.machine.kind} cannot turn on the spot; use turn_deg")
-            if segment.radius_m is not None and segment.radius_m < _TIGHTEST_STEERED_M:
+            radius_m, key = tightest_m(entry), "radius_m" if isinstance(entry, Segment) else "turn_radius_m"
+            if radius_m is not None and radius_m < _TIGHTEST_STEERED_M:
                 raise ValueError(
-                    f"driver.path: radius_m = {segment.radius_m:g}: a {self.machine.kind} turns on"
-                    f" {_TIGHTEST_STEERED_M:g} m or more"
+                    f"driver.path: {key} = {radius_m:g}: a {self.machine.kind} turns on {_TIGHTEST_STEERED_M:g} m or"
+                    " more"
                 )
         return self
 

@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, assert_never
 
 from pydantic import Field
 
 from twin.sensors.accosat import AccoSat, AccoSatConfig
 from twin.sensors.ahrs import Ahrs, AhrsConfig
+from twin.sensors.angle_transducer import AngleTransducer, AngleTransducerConfig
 from twin.sensors.base import Sample, Sensor, SensorConfig
 from twin.sensors.camera import Camera, CameraConfig
 from twin.sensors.displacement_transducer import DisplacementTransducer, DisplacementTransducerConfig
@@ -22,7 +23,9 @@ from twin.sensors.laser_receiver import LaserReceiver, LaserReceiverConfig
 from twin.sensors.lidar import Lidar, LidarConfig
 from twin.sensors.magnetometer import Magnetometer, MagnetometerConfig
 from twin.sensors.radar import Radar, RadarConfig
+from twin.sensors.triggers import schedule_of
 from twin.sensors.wheel_encoders import WheelEncoders, WheelEncodersConfig
+from twin.sensors.yaw_gyro import YawGyro, YawGyroConfig
 from twin.signals import Mount
 
 __all__ = [
@@ -45,18 +48,39 @@ AnySensorConfig = (
     | AhrsConfig
     | LaserReceiverConfig
     | DisplacementTransducerConfig
+    | YawGyroConfig
+    | AngleTransducerConfig
 )
 SensorConfigUnion = Annotated[AnySensorConfig, Field(discriminator="kind")]
 
 
-def build_sensor(  # noqa: C901, PLR0911  (one for each kind)
-    config: AnySensorConfig, *, name: str, mount: Mount, dt_ns: int, seed: int, runs: Sequence[int]
+def build_sensor(
+    config: AnySensorConfig,
+    *,
+    name: str,
+    mount: Mount,
+    dt_ns: int,
+    seed: int,
+    runs: Sequence[int],
+    among: Mapping[str, SensorConfig] | None = None,
 ) -> Sensor:
     """Make the sensor of this configuration, for the given runs of one world.
 
+    ``among`` has all sensors of the machine, this one included; without it there are no others that could trigger it.
+
     Raises:
-        BadInputError: the rate does not divide the physics rate, or a fault names an unknown column.
+        BadInputError: the rate does not divide the physics rate, a fault names an unknown column, or what triggers the
+            sensor does not exist, has another rate or is triggered by it.
     """
+    sensor = _build(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+    if config.triggered_by is not None:
+        sensor.follow(schedule_of(name, {name: config} if among is None else among, dt_ns=dt_ns, seed=seed))
+    return sensor
+
+
+def _build(  # noqa: C901, PLR0911, PLR0912  (one for each kind)
+    config: AnySensorConfig, *, name: str, mount: Mount, dt_ns: int, seed: int, runs: Sequence[int]
+) -> Sensor:
     match config:
         case ImuConfig():
             return Imu(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
@@ -80,5 +104,9 @@ def build_sensor(  # noqa: C901, PLR0911  (one for each kind)
             return LaserReceiver(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case DisplacementTransducerConfig():
             return DisplacementTransducer(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case YawGyroConfig():
+            return YawGyro(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
+        case AngleTransducerConfig():
+            return AngleTransducer(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
         case _:
             assert_never(config)

@@ -10,9 +10,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from twin.config import Config, NonNegative, Positive, Probability
 from twin.jpeg import EncodedPicture
@@ -21,7 +22,7 @@ from twin.sensors.fault_config import FaultContext
 from twin.sensors.fault_effects import Delivery
 from twin.sensors.faults import FaultList, Faults
 from twin.sensors.noise import Streams
-from twin.sensors.schedule import Schedule, period_ticks
+from twin.sensors.schedule import Schedule, SensorSchedule, period_ticks
 from twin.signals import (
     NS_PER_S,
     BoolArray,
@@ -61,7 +62,16 @@ class SensorConfig(Config):
     """Standard deviation of the true sampling instant about the one that is stamped; rounded to physics ticks."""
     dropout_probability: Probability = 0.0
     """Of losing one sample, in each run independently."""
+    triggered_by: str | None = None
+    """Name of a sensor: this one then samples whenever a sentence of that one arrives, at the instant of arrival, and
+    stamps its sample with it (:mod:`twin.sensors.triggers`); both have one rate."""
     faults: FaultList = ()
+
+    @model_validator(mode="after")
+    def _check_trigger(self) -> Self:
+        if self.triggered_by is not None and self.time_jitter_s > 0.0:
+            raise ValueError("time_jitter_s: a sensor with triggered_by has no clock that could jitter")
+        return self
 
     @property
     def recorded_columns(self) -> int:
@@ -71,6 +81,23 @@ class SensorConfig(Config):
     def need(self, mount: Mount) -> Need:
         """What a sensor on this mount asks the world for."""
         return MotionNeed(mount=mount)
+
+
+def own_schedule(config: SensorConfig, *, name: str, dt_ns: int, seed: int) -> Schedule:
+    """When a sensor samples by its own clock.
+
+    Raises:
+        BadInputError: the rate does not divide the physics rate.
+    """
+    return Schedule(
+        period=period_ticks(config.rate_hz, dt_ns, key="rate_hz"),
+        dt_ns=dt_ns,
+        latency_s=config.latency_s,
+        latency_jitter_s=config.latency_jitter_s,
+        time_jitter_s=config.time_jitter_s,
+        seed=seed,
+        name=f"sensors.{name}",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,15 +166,7 @@ class Sensor(ABC):
         self._dt_ns = dt_ns
         self._runs = len(runs)
         self._streams = Streams(seed=seed, runs=tuple(runs), name=key)
-        self._schedule = Schedule(
-            period=period,
-            dt_ns=dt_ns,
-            latency_s=config.latency_s,
-            latency_jitter_s=config.latency_jitter_s,
-            time_jitter_s=config.time_jitter_s,
-            seed=seed,
-            name=key,
-        )
+        self._schedule: SensorSchedule = own_schedule(config, name=name, dt_ns=dt_ns, seed=seed)
         self.next_tick: int = self._schedule.tick
         """Physics tick of the next sample."""
         self._dropout = config.dropout_probability
@@ -203,6 +222,11 @@ class Sensor(ABC):
         hidden = self._hidden(reading, delivery.stamp_ns - t_ns)
         measurements = self._deliver(delivery, t_ns)
         return Sample(measurements=measurements, hidden=hidden, events=events, pictures=reading.pictures)
+
+    def follow(self, schedule: SensorSchedule) -> None:
+        """Sample by another schedule than its own clock's, from the first sample on; to be called before that."""
+        self._schedule = schedule
+        self.next_tick = schedule.tick
 
     def skip(self) -> None:
         """Let the sample that is due go by: only the schedule moves on (all runs share it)."""

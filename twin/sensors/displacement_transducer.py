@@ -1,10 +1,6 @@
 """Displacement transducer on one slide: a voltage for its stroke, and a converter (kind ``displacement_transducer``).
 
-    out = Q( s + L(s) + b + k s + n )
-
-s is the stroke of the joint; L the transducer's deviation from a straight line, half a sine over the measuring range,
-of an amplitude drawn within what the data sheet allows; b and k what its calibration left of offset and slope; n white
-noise; Q the ends of the range and the converter's resolution. Paper 002 measures the plate of its rail this way, and
+Its errors are those of :mod:`twin.sensors.transducer`. Paper 002 measures the plate of its rail this way, and
 calibrated 121.6 mm/V + 1.853 mm against a ruler; a stroke sensor in a lift's cylinder is another with other figures.
 """
 
@@ -13,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-import numpy as np
-
 from twin.config import NonNegative, Positive
 from twin.sensors.base import Reading, Sensor, SensorConfig
-from twin.sensors.noise import Quantiser, WhiteNoise
+from twin.sensors.noise import Quantiser
+from twin.sensors.transducer import Transducer, error_sigma
 from twin.signals import Capture, FloatArray, JointMotion, JointNeed, Mount, Need
 
 DISPLACEMENT = "displacement_m"
@@ -72,25 +67,21 @@ class DisplacementTransducer(Sensor):
         runs: Sequence[int],
     ) -> None:
         super().__init__(config, name=name, mount=mount, dt_ns=dt_ns, seed=seed, runs=runs)
-        self._lowest_m, self._range_m = config.lowest_m, config.range_m
-        between = 2.0 * self._streams.uniform("linearity", 1).next() - 1.0
-        self._bow_m: FloatArray = config.linearity_ratio * config.range_m * between
-        self._offset_m = config.offset_sigma_m * self._streams.once("offset", 1)
-        self._scale = config.scale_error_ratio * self._streams.once("scale", 1)
-        self._noise = (
-            WhiteNoise(sigma=config.noise_m, stream=self._streams.normal("noise", 1)) if config.noise_m > 0.0 else None
+        highest_m = config.lowest_m + config.range_m
+        self._transducer = Transducer(
+            lowest=config.lowest_m,
+            span=config.range_m,
+            linearity_ratio=config.linearity_ratio,
+            offset_sigma=config.offset_sigma_m,
+            scale_error_ratio=config.scale_error_ratio,
+            noise=config.noise_m,
+            converter=Quantiser(lsb=config.resolution_m, low=config.lowest_m, high=highest_m),
+            streams=self._streams,
         )
-        self._converter = Quantiser(lsb=config.resolution_m, low=config.lowest_m, high=config.lowest_m + config.range_m)
 
     def _measure(self, capture: Capture) -> Reading:
         assert isinstance(capture, JointMotion)
-        stroke = float(capture.position[0])
-        part = min(max((stroke - self._lowest_m) / self._range_m, 0.0), 1.0)
-        bias = self._bow_m * np.sin(np.pi * part) + self._offset_m + self._scale * stroke
-        values = stroke + bias
-        if self._noise is not None:
-            values = values + self._noise.step()
-        return Reading(values=self._converter.apply(values), truth=np.array([stroke]), hidden=bias)
+        return self._transducer.read(float(capture.position[0]))
 
     def _datasheet(self, config: SensorConfig) -> dict[str, float]:
         assert isinstance(config, DisplacementTransducerConfig)
@@ -107,4 +98,4 @@ class DisplacementTransducer(Sensor):
     def _error_sigma(self, config: SensorConfig) -> FloatArray:
         """Noise and rounding."""
         assert isinstance(config, DisplacementTransducerConfig)
-        return np.array([np.hypot(config.noise_m, config.resolution_m / np.sqrt(12.0))])
+        return error_sigma(noise=config.noise_m, resolution=config.resolution_m)

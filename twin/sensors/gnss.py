@@ -8,6 +8,10 @@ direction of the noisy horizontal velocity, so that at standstill the course is 
 shifts see the satellites' geometry as ranges do: fewer of them dilute velocities by the factor of positions. Course is
 the direction of travel in the twin's convention (counter-clockwise from east), not the compass course of NMEA.
 
+Some receivers step when they change satellites (:mod:`twin.sensors.gnss_jumps`), smooth their positions by a filter of
+their own (:mod:`twin.sensors.gnss_internal_filter`; what it adds is in the recorded error, though not in the
+time-correlated part beside it) and tell them in coarse steps; DOP may swing (:mod:`twin.sensors.gnss_geometry`).
+
 Errors and reports follow the receiver's fix state: corrections (:mod:`twin.sensors.gnss_corrections`) and satellites
 decide it (:mod:`twin.sensors.gnss_states`), it decides the errors (:mod:`twin.sensors.gnss_errors`), and faults act on
 all of them (:mod:`twin.sensors.gnss_faults`). Without a position a sample still arrives: quality 0, the satellites that
@@ -35,9 +39,10 @@ from twin.sensors.gnss_outputs import (
     heading_error,
     vertical_speed_error,
 )
+from twin.sensors.gnss_position_output import PositionOutput
 from twin.sensors.gnss_states import RTK_FIXED, FixStates, dilution
 from twin.sensors.kernels import wrap
-from twin.sensors.noise import Quantiser, RampLowPass
+from twin.sensors.noise import RampLowPass
 from twin.signals import HEADING, POSITION, BoolArray, Capture, FloatArray, IntArray, Mount, MountMotion, nanoseconds
 
 TRUE_FIX = "true_fix"
@@ -46,7 +51,8 @@ _NO_COURSE_M_S = 1e-3
 
 
 class Gnss(Sensor):
-    """GNSS receiver. Hidden columns: errors of all that is measured, the position's time-correlated part, and TRUE_FIX.
+    """GNSS receiver. Hidden columns: errors of all that is measured, the position's time-correlated part with its
+    steps, and TRUE_FIX.
 
     TRUE_FIX is 1 where a fix arrives that is what it says: the receiver is in its state of quality 4, its corrections
     are younger than that state allows, no fault makes the fix a wrong one, and none changes it on its way.
@@ -67,6 +73,7 @@ class Gnss(Sensor):
         self._table = list(config.states.values())
         self._dilution_of: dict[int, FloatArray] = {}
         self._build_receiver(config)
+        self._output = PositionOutput(config, self._table, period_s=self.period_s, name=name, streams=self._streams)
         self._build_velocity(config)
         self._build_heading(config)
         self._truth = np.full(len(self.columns), np.nan)
@@ -114,7 +121,6 @@ class Gnss(Sensor):
         self._reports = Reports(self._table, first=len(self.error_columns))
         first = len(self.error_columns)
         self._sigmas = [first, first + 1, first + 2]
-        self._digits = Quantiser(lsb=[config.position_resolution_m] * 3)
 
     def _build_velocity(self, config: GnssConfig) -> None:
         self._velocity_lag = RampLowPass(tau_s=config.velocity_lag_s, period_s=self.period_s)
@@ -145,7 +151,7 @@ class Gnss(Sensor):
         self._states.update(t_ns, reference_ns, disturbances.satellites)
         index = self._states.index if disturbances.forced is None else disturbances.forced
         disturbances.look_at_states(t_ns, index)
-        dilutions = self._dilution(disturbances.satellites)
+        dilutions = self._output.dilute(self._dilution(disturbances.satellites), t_ns)
         normals = self._normals.next()
         error = self._position_errors.step(
             t_ns,
@@ -155,10 +161,15 @@ class Gnss(Sensor):
             dilution=dilutions,
             normals=normals,
         )
+        self._extra[:, :3] = self._position_errors.correlated
+        offset = self._output.offset(index, dilutions)
+        if offset is not None:
+            error = error + offset
+            self._extra[:, :3] += offset
         if disturbances.offset_m is not None:
             error = error + disturbances.offset_m
         values = np.empty((self._runs, len(self.columns)))
-        values[:, :3] = self._digits.apply(error + position)
+        values[:, :3] = self._output.told(error + position, index)
         self._truth[:3] = position
         if self._tampered:
             self._own_position = values[:, :3].copy()
@@ -174,7 +185,6 @@ class Gnss(Sensor):
         )
         if disturbances.zero_sigmas:
             values[:, self._sigmas] *= 0.0  # what is NaN stays so
-        self._extra[:, :3] = self._position_errors.correlated
         self._extra[:, 3] = self._true_fix(t_ns, index)
         return Reading(values=values, truth=self._truth, hidden=self._extra)
 
@@ -200,6 +210,7 @@ class Gnss(Sensor):
         east, north, up = self._velocity_lag.step(capture.mean_velocity_enu_m_s, velocity).tolist()
         still_noise, noise_ratio = self._still_noise * dilutions, self._noise_ratio * dilutions
         speed_and_course(east, north, true_speed, index, still_noise, noise_ratio, normals, 3, values)
+        self._output.put_velocity(values, 3)
         if self._vertical_error is not None:
             # without a position there is no speed either, whatever stands here
             factor = dilutions[np.minimum(index, len(dilutions) - 1)]

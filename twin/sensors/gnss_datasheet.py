@@ -1,13 +1,15 @@
 """What the owner of a GNSS receiver knows of it: figures of its data sheet and of tests with it, never a drawn error.
 
 The figures of the usual state (RTK fixed, where there is one) have plain names; a lesser state's begin with its name.
-How fast heights wander, and how far, nobody reads in a data sheet, but a receiver left standing for an hour tells.
+How fast positions wander, and how far, nobody reads in a data sheet, but a receiver left standing for an hour tells;
+so it does how often they step. Horizontal figures are those of one axis, the mean of east and north.
 """
 
 from __future__ import annotations
 
 import math
 
+from twin.config import Vector3
 from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.gnss_states import FixState
 
@@ -22,6 +24,8 @@ def datasheet(config: GnssConfig) -> dict[str, float]:
         **_outputs(config),
         **_height_of_the_usual_state(config),
         **_heights_of_lesser_states(config),
+        **_horizontal(config.usual_state, ""),
+        **_options(config),
     }
 
 
@@ -64,7 +68,7 @@ def _heights_of_lesser_states(config: GnssConfig) -> dict[str, float]:
     for state in config.states.values():
         name = LESSER_STATES.get(state.quality)
         if name is not None:
-            sheet |= _height(state, name)
+            sheet |= _height(state, name) | _horizontal(state, f"{name}_")
     return sheet
 
 
@@ -75,3 +79,29 @@ def _height(state: FixState, name: str) -> dict[str, float]:
         f"{name}_height_white_sigma_m": state.white_sigma_m[_UP],
         f"{name}_height_correlation_s": state.correlation_s[_UP],
     }
+
+
+def _level(east_north_up: Vector3) -> float:
+    """Root mean square of east and north."""
+    return math.sqrt((east_north_up[0] ** 2 + east_north_up[1] ** 2) / 2.0)
+
+
+def _horizontal(state: FixState, prefix: str) -> dict[str, float]:
+    """One state's horizontal error along one axis: what wanders, how long it lasts, what steps, what is always new."""
+    return {
+        f"{prefix}position_correlated_sigma_m": _level(state.correlated_sigma_m),
+        f"{prefix}position_correlation_s": 0.5 * (state.correlation_s[0] + state.correlation_s[1]),
+        f"{prefix}position_jump_sigma_m": _level(state.jump_sigma_m),
+        f"{prefix}position_white_sigma_m": _level(state.white_sigma_m),
+    }
+
+
+def _options(config: GnssConfig) -> dict[str, float]:
+    """What only some receivers have; the lag of a filter is in m per m/s^2 of acceleration."""
+    east, north, _ = config.resolution_m
+    sheet = {"east_resolution_m": east, "north_resolution_m": north}
+    if config.jump_interval_s is not None:
+        sheet["jump_interval_s"] = config.jump_interval_s
+    if config.internal_filter is not None:
+        sheet["filter_lag_s2"] = config.internal_filter.lag_s2(1.0 / config.rate_hz)
+    return sheet

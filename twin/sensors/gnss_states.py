@@ -77,6 +77,8 @@ class FixState(Config):
     """Further correlated error per second of age of the corrections, added in quadrature."""
     reported_age_drift_m_s: Vector3 = (0.0, 0.0, 0.0)
     """The same in what the receiver claims."""
+    jump_sigma_m: Vector3 = (0.0, 0.0, 0.0)
+    """True error, part that steps when other satellites are used (:mod:`twin.sensors.gnss_jumps`)."""
 
     @model_validator(mode="after")
     def _check_satellites(self) -> Self:
@@ -88,7 +90,9 @@ class FixState(Config):
 
     def total_sigma_m(self) -> FloatArray:
         """(3,) true standard deviation of one sample with fresh corrections, under an open sky."""
-        total: FloatArray = np.sqrt(np.square(self.correlated_sigma_m) + np.square(self.white_sigma_m))
+        total: FloatArray = np.sqrt(
+            np.square(self.correlated_sigma_m) + np.square(self.white_sigma_m) + np.square(self.jump_sigma_m)
+        )
         return total
 
 

@@ -14,18 +14,18 @@ units with delta-angle and delta-velocity outputs do, and noise and signal are a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from twin.config import NonNegative, Positive
 from twin.sensors import kernels
 from twin.sensors.base import Reading, Sensor, SensorConfig
+from twin.sensors.converter import Bits, converter
 from twin.sensors.noise import (
     GaussMarkov,
     LowPass,
-    Quantiser,
     RandomWalk,
     Streams,
     WhiteNoise,
@@ -80,7 +80,7 @@ class ImuConfig(SensorConfig):
 
     mounting_tilt_rad: NonNegative = 0.0
     """Roll, pitch and yaw of the unit as mounted against its nominal mount, each."""
-    adc_bits: Annotated[int, Field(ge=2, le=32)] | None = None
+    adc_bits: Bits | None = None
     """Resolution over +- the range; without it the output has all digits."""
 
     @model_validator(mode="after")
@@ -126,7 +126,7 @@ class Imu(Sensor):
         self._bandwidth = _bandwidth(config, self.period_s)
         self._noise = _noise(config, self._streams, self.period_s)
         self._slow_bias, self._instability = _biases(config, self._streams, self.period_s)
-        self._converter = Quantiser.adc(
+        self._converter = converter(
             full_scale=[config.accel_range_m_s2] * 3 + [config.gyro_range_rad_s] * 3, bits=config.adc_bits
         )
 

@@ -17,7 +17,6 @@ the variance D^2 B. In Allan's terms its coefficient N, read at tau = 1 s on the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -216,16 +215,6 @@ class Quantiser:
         """(n,) step of the output, zero where it is not rounded."""
         self._low = np.broadcast_to(np.asarray(low, dtype=np.float64), self.lsb.shape).copy()
         self._high = np.broadcast_to(np.asarray(high, dtype=np.float64), self.lsb.shape).copy()
-
-    @staticmethod
-    def adc(*, full_scale: Sequence[float | None], bits: int | None) -> Quantiser:
-        """Converter of ``bits`` over +-``full_scale`` (n): LSB = 2 FS / 2^bits, codes -2^(bits-1) to 2^(bits-1) - 1.
-
-        Without bits it only clips; without a full scale a column passes unchanged.
-        """
-        scale = np.array([np.inf if value is None else value for value in full_scale])
-        lsb = np.zeros(len(scale)) if bits is None else np.where(np.isfinite(scale), 2.0 * scale / 2.0**bits, 0.0)
-        return Quantiser(lsb=lsb, low=-scale, high=scale - lsb)
 
     def apply(self, values: FloatArray) -> FloatArray:
         """Clip and round ``values`` (R, n) in place and return them."""

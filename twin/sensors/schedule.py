@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol
+
+import numpy as np
 
 from twin.errors import BadInputError
 from twin.randomness import world_generator
@@ -29,6 +32,41 @@ def period_ticks(rate_hz: float, dt_ns: int, *, key: str) -> int:
     )
 
 
+class SensorSchedule(Protocol):
+    """When one sensor samples and when its samples arrive."""
+
+    tick: int
+    """When the sample that is due is really taken."""
+    stamp_ns: int
+    """When the sensor says it is taken."""
+    latency_ns: int
+    """From being taken to arriving."""
+
+    def advance(self) -> None:
+        """Go on to the next sample."""
+
+
+class Latencies:
+    """How long samples take to arrive: ``latency_s`` plus an exponentially distributed delay of mean ``jitter_s``."""
+
+    def __init__(self, *, latency_s: float, jitter_s: float, generator: np.random.Generator) -> None:
+        self._latency_ns = latency_s * NS_PER_S
+        self._jitter_ns = jitter_s * NS_PER_S
+        self._generator = generator
+        self._drawn: list[int] = []
+
+    def draw(self) -> list[int]:
+        """Those of a block of samples, ns."""
+        delay = self._generator.standard_exponential(_BLOCK) * self._jitter_ns + self._latency_ns
+        return [round(value) for value in delay.tolist()]
+
+    def next(self) -> int:
+        """That of the next sample, ns; for those who draw nothing else."""
+        if not self._drawn:
+            self._drawn = self.draw()[::-1]
+        return self._drawn.pop()
+
+
 class Schedule:
     """Sample ticks and latencies of one sensor.
 
@@ -51,11 +89,10 @@ class Schedule:
     ) -> None:
         self._period = period
         self._dt_ns = dt_ns
-        self._latency_ns = latency_s * NS_PER_S
-        self._latency_jitter_ns = latency_jitter_s * NS_PER_S
         self._jitter_ticks = time_jitter_s * NS_PER_S / dt_ns
         self._most_ticks = (period - 1) // 2
         self._generator = world_generator(seed, f"{name}.schedule")
+        self._arrivals = Latencies(latency_s=latency_s, jitter_s=latency_jitter_s, generator=self._generator)
         self._offsets: list[int] = []
         self._latencies: list[int] = []
         self._count = 0
@@ -80,6 +117,5 @@ class Schedule:
 
     def _draw(self) -> None:
         normal = self._generator.standard_normal(_BLOCK) * self._jitter_ticks
-        delay = self._generator.standard_exponential(_BLOCK) * self._latency_jitter_ns + self._latency_ns
         self._offsets = [max(-self._most_ticks, min(self._most_ticks, round(value))) for value in normal.tolist()]
-        self._latencies = [round(value) for value in delay.tolist()]
+        self._latencies = self._arrivals.draw()

@@ -264,6 +264,23 @@ class MachineBaseConfig(Config):
         return float((position + rotation @ self.reference.xyz_m)[0])
 
     @property
+    def root(self) -> str:
+        """Name of the link that all others hang on."""
+        return read_urdf(self.asset).links[0].name
+
+    @property
+    def reference_swings(self) -> bool:
+        """Whether hinges lie between the root link and the reference, so that its heading is not the machine's."""
+        urdf = read_urdf(self.asset)
+        by_child = {joint.child: joint for joint in urdf.joints}
+        body = self.reference.body
+        while body in by_child:
+            if not by_child[body].slides:
+                return True
+            body = by_child[body].parent
+        return False
+
+    @property
     def reference_start(self) -> tuple[float, float, float]:
         """Nominal start pose of the reference frame (what is drawn, straight behind): east m, north m, heading rad."""
         east, north, heading = self.vehicle_start

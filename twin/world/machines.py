@@ -12,6 +12,7 @@ from twin.world.planter_f8 import PlanterF8Config
 from twin.world.prototype_car import PrototypeCarConfig
 from twin.world.rail_bench import RailBenchConfig
 from twin.world.scraper import ScraperConfig
+from twin.world.transplanter import TransplanterConfig
 
 MachineConfig = Annotated[
     PlanterF8Config
@@ -19,6 +20,7 @@ MachineConfig = Annotated[
     | OrchardRobotConfig
     | OrchardRobotLargeConfig
     | RailBenchConfig
-    | ScraperConfig,
+    | ScraperConfig
+    | TransplanterConfig,
     Field(discriminator="kind"),
 ]

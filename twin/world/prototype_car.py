@@ -21,6 +21,9 @@ Bar: at the longitudinal position of the rear axle, where a car at low speed doe
 coordinated-turn filter takes for granted of its centre C. Rows 1 to 4 are the four units from left to right, 0.8 m
 apart. The RTK antenna of the paper "was placed at WSX4" (section 4.2.4): mount ``rtk_antenna``. The radar stands at
 the rear bumper, because it has to see the ground.
+
+The car also carries the receivers of paper 004, whose antennas were "at the top of the vehicle", 0.50 m apart: mounts
+``antenna`` and ``antenna_reference``.
 """
 
 from __future__ import annotations
@@ -41,6 +44,9 @@ AXLE_HEIGHT_M = 0.297
 ROWS_Y_M = (1.2, 0.4, -0.4, -1.2)
 BAR_Z_M = 1.30
 """The units, above the rear axle (1.60 m above ground)."""
+
+ANTENNAS_APART_M = 0.5
+"""Between the antenna and the one of the reference (paper 004)."""
 
 WHEEL_RATE_N_M = 32e3
 """Of the suspension, vertical at the wheel."""
@@ -89,6 +95,7 @@ class PrototypeCarConfig(MachineBaseConfig):
         "radar": MountConfig(body="car", xyz_m=(-0.72, 0.0, 0.15)),
         "accosat": MountConfig(body="car", xyz_m=(0.0, 0.1, BAR_Z_M)),
         "antenna": MountConfig(body="car", xyz_m=(0.0, -0.1, BAR_Z_M + 0.08)),
+        "antenna_reference": MountConfig(body="car", xyz_m=(0.0, -0.1 + ANTENNAS_APART_M, BAR_Z_M + 0.08)),
         "rtk_antenna": MountConfig(body="car", xyz_m=(0.0, ROWS_Y_M[-1], BAR_Z_M + 0.10)),
     }
 

@@ -1,21 +1,14 @@
 """Machine ``scraper``: a levelling blade behind the carrier of a riding rice transplanter (paper 002, figure 5).
 
 The paper's platform is a "paddy field leveling machine powered by the Yanmar rice transplanter (2ZGQ-60D)", with GNSS
-receiver, AHRS and laser receiver above the scraper, driven at 1 m/s. It states neither masses nor dimensions. All
-figures here are choices in the class of six-row riding transplanters: 705 kg with driver and scraper, wheelbase 1.10 m,
-track 1.20 m, narrow paddy wheels of 0.65 m and 0.95 m diameter, all driven (40 % of weight and force on the front
-axle, which swings about a pivot), front steering to 40 degrees. Wheel and soil together are 150 and 180 kN/m stiff with
-4 kN s/m of damping, most of it the soil's: the machine bounces at 4.9 Hz with 0.37 of the critical damping. The wheels
-stand 6 cm deep in the plough layer, so that chords of 0.42 m and 0.52 m carry them.
+receiver, AHRS and laser receiver above the scraper, driven at 1 m/s. It states neither masses nor dimensions: those of
+the carrier are choices (:mod:`twin.world.transplanter_carrier`), and so are the blade's here. It drives in the plough
+layer on all four wheels.
 
 A blade behind both axles enlarges what the wheels do: with wheelbase L and the edge a behind the rear axle, its height
 is (1 + a/L) z_rear - (a/L) z_front. What it carves, the wheels ride on in the next pass, and where this gain times what
 the lift leaves of it is above one, passes make the field rougher. The edge therefore is as near to the wheels as they
 allow, a = 0.80 m.
-
-Transplanters drive hydrostatically: the pump's flow sets the speed of the wheels, pressure follows the load within some
-hundredths of a second, and leakage gives way a little: by 7 % of 1 m/s to a load of 2 kN, until the pump's servo has
-made up for it.
 
 Scraper: 2.4 m wide and 0.35 m high, on a vertical slide. It has no tilt of its own: it rolls and pitches with the
 carrier. On its mast sit AHRS, laser receiver and antenna, which is 2 m above the edge. Zero of the slide has the edge
@@ -42,13 +35,11 @@ from twin.signals import Command
 from twin.world.blade_spec import BladeSpec
 from twin.world.clearance import Outline
 from twin.world.lift import LIFT_COLUMNS, Lift, LiftSpec
-from twin.world.machine import Actuation, BarConfig, MachineBaseConfig, MachineModel, MountConfig, Wheel
-from twin.world.tractor import TractorDrive, TractorSpec
+from twin.world.machine import Actuation, BarConfig, MachineBaseConfig, MachineModel, MountConfig
+from twin.world.tractor import TractorDrive
+from twin.world.transplanter_carrier import DRIVE, NOSE_M, SUNK_M, WHEELBASE_M, wheels
 from twin.world.urdf import Urdf
 
-WHEELBASE_M = 1.10
-TRACK_M = 1.20
-MASS_KG = 705.0
 BLADE_X_M = -0.80
 """Edge of the blade, from the rear axle."""
 BLADE_WIDTH_M = 2.4
@@ -58,41 +49,7 @@ MAST_M = 2.0
 MAST_X_M = -0.09
 """Mast, from the edge."""
 
-SUNK_M = 0.06
-"""How deep the wheels stand in the plough layer."""
-
-_FRONT, _REAR = ("front_wheel_left", "front_wheel_right"), ("rear_wheel_left", "rear_wheel_right")
-_FRONT_SHARE = 0.4
-
-WHEELS = (
-    *(
-        Wheel(joint=joint, radius_m=0.325, width_m=0.09, stiffness_n_m=150e3, damping_n_s_m=4e3, sunk_m=SUNK_M)
-        for joint in _FRONT
-    ),
-    *(
-        Wheel(joint=joint, radius_m=0.475, width_m=0.11, stiffness_n_m=180e3, damping_n_s_m=4e3, sunk_m=SUNK_M)
-        for joint in _REAR
-    ),
-)
-
-DRIVE = TractorSpec(
-    wheelbase_m=WHEELBASE_M,
-    front_track_m=TRACK_M,
-    rear_wheels=_REAR,
-    knuckles=("steering_left", "steering_right"),
-    rolling_radius_m=0.4635,
-    total_mass_kg=MASS_KG,
-    largest_force_n=6_000.0,
-    torque_lag_s=0.02,
-    governor_1_s=40.0,
-    integral_s=0.5,
-    steering_rate_rad_s=0.6,
-    brake_n_m=2_000.0,
-    front_wheels=_FRONT,
-    front_radius_m=0.316,
-    front_share=_FRONT_SHARE,
-    coupling_n_s_m=1_000.0,
-)
+WHEELS = wheels(SUNK_M)
 
 LIFT = LiftSpec(
     joint="lift",
@@ -179,12 +136,12 @@ class ScraperConfig(MachineBaseConfig):
     def outline_m(self) -> Outline:
         """Around carrier and blade, in the frame of the root link."""
         half = 0.5 * BLADE_WIDTH_M
-        return (BLADE_X_M - 0.2, -half), (WHEELBASE_M + 0.75, half)
+        return (BLADE_X_M - 0.2, -half), (NOSE_M, half)
 
     @property
     def reach_m(self) -> float:
         """The nose is the farthest from the middle of the rear axle."""
-        return WHEELBASE_M + 0.75
+        return NOSE_M
 
     @property
     def blade(self) -> BladeSpec:

@@ -77,7 +77,7 @@ def draw_states(run: Run, sheet: Sheet) -> None:
     if run.truth is not None and run.truth.has(YAW_RATE) and not run.keeps_lane and not run.levels:
         turning = np.abs(run.column(run.truth, YAW_RATE)) > TURNING_RAD_S
         styles = {0.0: ("straight", entities.CALM_COLOUR), 1.0: ("turning", entities.TURN_COLOUR)}
-        _draw_lane(sheet, "turning", run.truth.t_ns, turning.astype(float), styles)
+        draw_lane(sheet, "turning", run.truth.t_ns, turning.astype(float), styles)
     for name in run.estimators:
         stream = run.recording.estimates(name)
         _draw_heading_filter(run, sheet, name, stream)
@@ -85,13 +85,13 @@ def draw_states(run: Run, sheet: Sheet) -> None:
         if stream.has("standstill"):
             standing = (run.column(stream, "standstill") > 0.5).astype(float)
             styles = {0.0: ("moving", entities.CALM_COLOUR), 1.0: ("standstill", run.colours[name])}
-            _draw_lane(sheet, f"standstill_{name}", stream.t_ns, standing, styles)
+            draw_lane(sheet, f"standstill_{name}", stream.t_ns, standing, styles)
     for sensor in run.recording.names("measurements"):
         stream = run.recording.measurements(sensor)
         if stream.has("quality"):
             codes = entities.QUALITY_LABELS
             styles = {float(code): (label, entities.QUALITY_COLOURS[code]) for code, label in codes.items()}
-            _draw_lane(sheet, f"{sensor}_quality", stream.t_ns, run.column(stream, "quality"), styles)
+            draw_lane(sheet, f"{sensor}_quality", stream.t_ns, run.column(stream, "quality"), styles)
         if stream.has("age_s"):
             _draw_corrections(run, sheet, sensor, stream)
     _draw_faults(run, sheet)
@@ -104,7 +104,7 @@ def _draw_heading_filter(run: Run, sheet: Sheet, name: str, stream: Stream) -> N
         found = run.columns(stream, column)
         # Where nothing was heard there is nothing to tell: a filter without magnetometer learns for ever.
         if found is not None and not (column == MAGNETIC_STATE and (found == LEARNING).all()):
-            _draw_lane(sheet, f"{name}_{_LANE_OF[column]}", stream.t_ns, np.round(found[:, 0]), styles)
+            draw_lane(sheet, f"{name}_{_LANE_OF[column]}", stream.t_ns, np.round(found[:, 0]), styles)
 
 
 def _draw_mode(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
@@ -115,7 +115,7 @@ def _draw_mode(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
         return
     mode, knows = found[:, 0], np.isfinite(found).all(axis=1)
     if len(np.unique(mode[knows])) > 1:
-        _draw_lane(sheet, f"{name}_mode", stream.t_ns, mode, _MODES[kind])
+        draw_lane(sheet, f"{name}_mode", stream.t_ns, mode, _MODES[kind])
 
 
 def _draw_blade(run: Run, sheet: Sheet) -> None:
@@ -125,7 +125,7 @@ def _draw_blade(run: Run, sheet: Sheet) -> None:
     if truth is None or found is None:
         return
     styles = {0.0: ("at work", entities.TRUSTED_COLOUR), 1.0: ("raised", entities.TURN_COLOUR)}
-    _draw_lane(sheet, "blade", truth.t_ns, (found[:, 0] > _RAISED_M).astype(float), styles)
+    draw_lane(sheet, "blade", truth.t_ns, (found[:, 0] > _RAISED_M).astype(float), styles)
 
 
 def _draw_field(run: Run, sheet: Sheet) -> None:
@@ -140,7 +140,7 @@ def _draw_field(run: Run, sheet: Sheet) -> None:
         0.0: ("the earth's", entities.CALM_COLOUR),
         1.0: (f"magnets: {100.0 * FELT_SHARE:.0f} % or more", entities.FAULT_COLOUR),
     }
-    _draw_lane(sheet, "magnetic_field", truth.t_ns, felt, styles)
+    draw_lane(sheet, "magnetic_field", truth.t_ns, felt, styles)
 
 
 def _draw_corrections(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> None:
@@ -148,7 +148,7 @@ def _draw_corrections(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> No
     stale = (~(run.column(stream, "age_s") <= FRESH_S)).astype(float)
     if len(np.unique(stale)) > 1:
         styles = {0.0: ("corrections arrive", entities.QUALITY_COLOURS[4]), 1.0: ("none", entities.FAULT_COLOUR)}
-        _draw_lane(sheet, f"{sensor}_corrections", stream.t_ns, stale, styles)
+        draw_lane(sheet, f"{sensor}_corrections", stream.t_ns, stale, styles)
 
 
 def _draw_faults(run: Run, sheet: Sheet) -> None:
@@ -184,7 +184,7 @@ def _draw_segments(run: Run, sheet: Sheet) -> None:
     styles = {value: (label, entities.segment_colour(label)) for value, label in labels.items()}
     # The segment of a driver that keeps to a lane is its state.
     lane = "driver" if run.keeps_lane else "segment"
-    _draw_lane(sheet, lane, truth.t_ns, segment, styles)
+    draw_lane(sheet, lane, truth.t_ns, segment, styles)
 
 
 def segment_labels(run: Run, t_ns: IntArray, segment: FloatArray) -> dict[float, str]:
@@ -206,7 +206,7 @@ def segment_labels(run: Run, t_ns: IntArray, segment: FloatArray) -> dict[float,
     return labels
 
 
-def _draw_lane(sheet: Sheet, name: str, t_ns: IntArray, values: FloatArray, styles: Styles) -> None:
+def draw_lane(sheet: Sheet, name: str, t_ns: IntArray, values: FloatArray, styles: Styles) -> None:
     """Draw one lane: a row at the start and at every change."""
     at = changes(values)
     if not len(at):

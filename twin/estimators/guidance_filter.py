@@ -1,0 +1,458 @@
+"""Guidance from a receiver, wheels, a gyro and the steering, in which what stays wrong is a state: our own filter (kind
+``guidance_filter``).
+
+An extended Kalman filter whose state (:mod:`twin.estimators.guidance_filter_model`) holds the receiver's slow error
+beside the machine's motion. So it does not follow the wander of a receiver, as filters do that take it for white noise:
+it moves by wheels and gyro, and lets the receiver say slowly where that leads. What a fix is worth decides the kind of
+solution (:mod:`twin.estimators.guidance_filter_receiver`), what to make of changes and jumps
+:mod:`twin.estimators.guidance_filter_core`. All variances come from data sheets or from :class:`NoiseConfig`.
+
+**What it cannot do**: a constant error of the receiver. Whoever has nothing but single positions is wrong by metres
+(sigma says so); but from pass to pass only the change matters, and of that only what wheels and gyro do not show
+(:mod:`twin.scoring.guidance_bound` tells how little that could be). ``frame`` says what is told: ``"relative"``, the
+position in a frame that is shifted by the receiver's error at the start; or ``"absolute"``, the best guess.
+
+**Late fixes.** The filter stands at the time of the last fix and looks ahead from there by what wheels and gyro have
+told since. A fix that is not later than the last one is not used.
+
+Further columns: ``relative_sigma_e_m``, ``relative_sigma_n_m`` (how well the position is known but for the constant
+error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix).
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from twin.config import Config, NonNegative, Positive
+from twin.errors import BadInputError
+from twin.estimators.engines import Engine, EngineName, Observation, innovation, make_engine
+from twin.estimators.guidance_base import STATE_COLUMNS, GuidanceOutput, SteeredConfig, guidance_sensors, transported
+from twin.estimators.guidance_filter_core import Core, GatesConfig
+from twin.estimators.guidance_filter_inputs import Inputs, Span
+from twin.estimators.guidance_filter_model import (
+    PSI,
+    AntennaSeen,
+    B,
+    E,
+    Layout,
+    MotionNoise,
+    N,
+    SpanMotion,
+    StandingRate,
+    SteeredRate,
+    V,
+    VelocitySeen,
+)
+from twin.estimators.guidance_filter_receiver import FixErrors
+from twin.estimators.guidance_readers import (
+    ANGLE_TRANSDUCER,
+    ODOMETRY,
+    STEERING_ANGLE,
+    YAW_GYRO,
+    ColumnReader,
+    EncoderReader,
+    Fix,
+    FixReader,
+    rate_reader,
+    speed_reader,
+)
+from twin.estimators.heading_inputs import WHEEL_ENCODERS
+from twin.estimators.roles import GNSS, IMU, RADAR, mount_arm
+from twin.signals import NS_PER_S, BoolArray, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
+
+KIND = "guidance_filter"
+_LONGEST_NS = 250_000_000
+"""Longer spans are taken in parts."""
+_PATIENCE_NS = 150_000_000
+"""A fix waits so long for the other sensors."""
+_LONGEST_GAP_S = 60.0
+"""After a silence of all sensors as long as that the filter starts anew."""
+_SHORT_NS = 200_000_000
+"""Speed and rate of turn of the moment are means over so long."""
+_SPEED_NS = 400_000_000
+"""The speed that is told is one over so long, so that single slots do not show."""
+_RATES = (YAW_GYRO, IMU, ODOMETRY)
+_SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
+"""In the order in which they are preferred."""
+_ROUNDING_S = 3.0
+"""A gyro's rounding stays the same for so long on a machine that weaves; a choice."""
+_ROUNDING_STANDING_S = 100.0
+"""The same while it stands: an offset of less than a step is never seen."""
+
+
+class NoiseConfig(Config):
+    """What no data sheet says, 1 sigma; choices."""
+
+    gyro_rad_s: Positive = 0.003
+    """Noise of a sample of a gyro whose data sheet is silent."""
+    gyro_bias_rad_s: Positive = 0.02
+    """Its offset at the start."""
+    gyro_bias_walk_rad_s_rts: Positive = 5e-5
+    """Walk of the offset of a gyro whose data sheet is silent."""
+    gyro_scale_ratio: NonNegative = 0.01
+    """Its scale error."""
+    turn_rad_s: Positive = 0.15
+    """Rate of turn of a machine without a gyro."""
+    turn_s: Positive = 2.0
+    """How long that lasts."""
+    acceleration_m_s2_rthz: Positive = 0.5
+    """Speed of a machine without a sensor of it walks by so much in a second."""
+    slip_ratio: Positive = 0.01
+    """Slip of the moment against the speed."""
+    slip_s: Positive = 2.0
+    """How long that lasts."""
+    speed_scale_ratio: Positive = 0.05
+    """Rolling radius and steady slip: scale of the told speed."""
+    speed_scale_walk_rts: NonNegative = 0.001
+    """Its walk while driving, per root of a second: other soil, other load."""
+    walk_m_rtm: NonNegative = 0.01
+    """Walk of the position per root of a metre: wheels that do not roll where they point."""
+    steering_rad: Positive = 0.03
+    """Of a mean steering angle against the way that is driven: slip angles, play."""
+    steering_offset_rad: Positive = 0.03
+    """Offset of the steering angle, where the data sheet is silent."""
+    start_heading_rad: Positive = 0.1
+    """Of the heading at the start, as set out by the owner."""
+    sway_rad: NonNegative = 0.01
+    """Tilt of the machine: it moves the antenna by that times its height."""
+    velocity_m_s: Positive = 0.1
+    """Of a receiver's velocity, each axis, where the data sheet is silent."""
+
+
+class GuidanceFilterConfig(SteeredConfig):
+    """Options of :class:`GuidanceFilter`."""
+
+    kind: Literal["guidance_filter"]
+    frame: Literal["relative", "absolute"] = "relative"
+    """Which position is told."""
+    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
+    """Kalman engine; auto: filterpy for a single run."""
+    velocity: bool = True
+    """Use the receiver's speed and course."""
+    steering: bool = True
+    """Use the steering angle, if it is told."""
+    coasting_s: Positive = 2.5
+    """Without a fix for so long it says that it coasts."""
+    gates: GatesConfig = GatesConfig()
+    noise: NoiseConfig = NoiseConfig()
+
+
+class GuidanceFilter:
+    """Estimator of :class:`GuidanceFilterConfig`; columns as in :mod:`twin.estimators.guidance_base`, and further ones.
+
+    Raises:
+        BadInputError: sensors that do not fit (:func:`~twin.estimators.guidance_base.guidance_sensors`), or the
+            filterpy engine with more than one run.
+    """
+
+    state_columns: tuple[str, ...] = STATE_COLUMNS
+
+    def __init__(self, config: GuidanceFilterConfig, setup: EstimatorSetup) -> None:
+        if config.engine == "filterpy" and setup.runs > 1:
+            raise BadInputError(
+                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs}; "
+                "allowed: auto, ensemble"
+            )
+        infos = guidance_sensors(setup, estimator=KIND)
+        self._config, self._runs = config, setup.runs
+        self._reference_x_m = setup.reference_x_m
+        self._start_heading = setup.start_e_n_heading[2]
+        self._receiver = FixReader(infos[GNSS], setup)
+        self._errors = FixErrors(infos[GNSS].datasheet, setup.runs)
+        self._arm = self._receiver.forward_m + setup.reference_x_m, self._receiver.left_m
+        self._build_inputs(infos, setup)
+        self._wheelbase_m = config.wheelbase_of(setup)
+        steering = self.inputs.steering is not None and self._wheelbase_m > 0.0
+        self.layout = Layout(
+            speed=self.inputs.speed is not None,
+            rate=self.inputs.rate is not None,
+            steering=steering,
+            jumps=self._errors.jumps,
+            anchor=config.frame == "relative",
+        )
+        self._build_noise(infos)
+        name: EngineName = "filterpy" if setup.runs == 1 else "ensemble"
+        if config.engine != "auto":
+            name = config.engine
+        nothing = np.zeros((setup.runs, self.layout.size))
+        flat = np.repeat(np.eye(self.layout.size)[np.newaxis], setup.runs, axis=0)
+        self.engine, self._tip = make_engine(name, nothing, flat), make_engine(name, nothing, flat)
+        antenna = AntennaSeen(self.layout, forward_m=self._arm[0], left_m=self._arm[1])
+        self.core = Core(
+            self.engine,
+            self.layout,
+            antenna,
+            start_variances=self._start_variances,
+            gates=config.gates,
+            sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
+            jump_s=self._errors.jump_s,
+        )
+        self._now_ns: int | None = None
+        self._tip_ns = 0
+        self._accepted_ns = np.zeros(setup.runs, dtype=np.int64)
+        self._waiting: list[Fix] = []
+        nis = [*(("nis_velocity",) if config.velocity else ()), *(("nis_steering",) if steering else ())]
+        extra = ("relative_sigma_e_m", "relative_sigma_n_m", "mode")
+        self._output = GuidanceOutput(setup.runs, nis=nis, extra=extra)
+        self.columns = self._output.columns
+
+    # --- what it is told of its sensors ------------------------------------------------------------------------------
+
+    def _build_inputs(self, infos: dict[str, SensorInfo], setup: EstimatorSetup) -> None:
+        config = self._config
+        rate = next((infos[kind] for kind in _RATES if kind in infos), None)
+        speed = next((infos[kind] for kind in _SPEEDS if kind in infos), None)
+        steering = infos.get(ANGLE_TRANSDUCER) if config.steering else None
+        self._rate = None if rate is None else rate_reader(rate, setup)
+        self._speed = None if speed is None else speed_reader(speed, setup, wheel_radius_m=config.wheel_radius_m)
+        self._steering = None if steering is None else ColumnReader(steering, setup, STEERING_ANGLE)
+        self.inputs = Inputs(
+            setup.runs,
+            rate=rate is not None,
+            speed=speed is not None,
+            steering=steering is not None,
+            counts=speed is not None and speed.kind in {WHEEL_ENCODERS, ODOMETRY},
+        )
+        self._slot_variance = 0.0
+        if isinstance(self._speed, EncoderReader):  # the mean of two counts, each rounded twice
+            self._slot_variance = (self._speed.slot_m / (_SPEED_NS / NS_PER_S)) ** 2 / 12.0
+
+    def _build_noise(self, infos: dict[str, SensorInfo]) -> None:
+        noise = self._config.noise
+        self._gyro = _Gyro.of(None if self._rate is None else self._rate.info, noise)
+        self.motion_noise = MotionNoise(
+            heading_rad_rts=self._gyro.walk_rad_rts,
+            bias_rad_s_rts=self._gyro.bias_walk,
+            turn_rad_s=noise.turn_rad_s,
+            turn_s=noise.turn_s,
+            acceleration_m_s2_rthz=noise.acceleration_m_s2_rthz,
+            slip_ratio=noise.slip_ratio,
+            slip_s=noise.slip_s,
+            scale_rts=noise.speed_scale_walk_rts,
+            walk_m_rtm=noise.walk_m_rtm,
+        )
+        sheet = infos[GNSS].datasheet
+        self._velocity_m_s = sheet.get("speed_noise_m_s", 0.0) or noise.velocity_m_s
+        self._velocity_ratio = sheet.get("speed_noise_ratio", 0.0)
+        self._lag_s = sheet.get("velocity_lag_s", 0.0)
+        offset = noise.steering_offset_rad
+        if self._steering is not None:
+            offset = math.hypot(self._steering.info.datasheet.get("offset_sigma_rad", offset), 0.5 * offset)
+        self._steering_offset = offset
+
+    def _start_variances(self) -> FloatArray:
+        layout, noise = self.layout, self._config.noise
+        variances = np.zeros(layout.size)
+        variances[PSI] = noise.start_heading_rad**2
+        variances[B] = self._gyro.bias**2 if layout.has_rate else noise.turn_rad_s**2
+        variances[V] = 1e-4 if layout.has_speed else 1.0
+        if layout.scale is not None:
+            variances[layout.scale] = noise.speed_scale_ratio**2
+        if layout.gyro_scale is not None:
+            variances[layout.gyro_scale] = self._gyro.scale**2
+        if layout.steering is not None:
+            variances[layout.steering] = self._steering_offset**2
+        return variances
+
+    # --- in ----------------------------------------------------------------------------------------------------------
+
+    def process(self, measurement: Measurement) -> None:
+        """Take one measurement, in order of arrival."""
+        name, inputs = measurement.sensor, self.inputs
+        if self._rate is not None and inputs.rate is not None and name == self._rate.name:
+            inputs.rate.add(self._rate.read(measurement))
+        if self._speed is not None and inputs.speed is not None and name == self._speed.name:
+            inputs.speed.add(self._speed.read(measurement))
+        if self._steering is not None and inputs.steering is not None and name == self._steering.name:
+            inputs.steering.add(self._steering.read(measurement))
+        if name == self._receiver.name:
+            self._waiting.append(self._receiver.read(measurement))
+            self._waiting.sort(key=lambda fix: fix.t_ns)
+        self._take_waiting(measurement.t_available_ns)
+
+    def _take_waiting(self, arrival_ns: int) -> None:
+        while self._waiting:
+            fix, settled = self._waiting[0], self.inputs.settled_ns
+            moved = self.inputs.rate is not None or self.inputs.speed is not None
+            if moved and (settled is None or settled < fix.t_ns) and arrival_ns <= fix.t_available_ns + _PATIENCE_NS:
+                return
+            self._take(self._waiting.pop(0))
+
+    def _take(self, fix: Fix) -> None:
+        dt_s = 1.0 / self._receiver.info.rate_hz
+        if self._now_ns is None:
+            self._now_ns = fix.t_ns
+        elif fix.t_ns <= self._now_ns:
+            return
+        else:
+            dt_s = (fix.t_ns - self._now_ns) / NS_PER_S
+            if dt_s > _LONGEST_GAP_S:
+                self.core.started[:] = False
+            else:
+                self._advance(self.engine, self._now_ns, fix.t_ns)
+        span = self.inputs.span(fix.t_ns - round(min(dt_s, 1.0) * NS_PER_S), fix.t_ns)
+        self._now_ns = fix.t_ns
+        self._hear_machine(span)
+        short = self.inputs.span(fix.t_ns - _SHORT_NS, fix.t_ns)
+        self._hear_fix(fix, short, dt_s)
+        self.inputs.forget(fix.t_ns)
+        self._tip_ns = fix.t_ns
+        self._tip.restore(self.engine.x, self.engine.P)
+
+    def _advance(self, engine: Engine, begin_ns: int, end_ns: int) -> None:
+        parts = -((begin_ns - end_ns) // _LONGEST_NS)
+        times = [begin_ns + (end_ns - begin_ns) * part // parts for part in range(parts + 1)]
+        for first, last in pairwise(times):
+            span = self.inputs.span(first, last)
+            motion = SpanMotion(
+                self.layout,
+                self.motion_noise,
+                span,
+                receiver=self.core.receiver,
+            )
+            engine.predict(motion, span.rate, span.dt_s)
+
+    def _hear_machine(self, span: Span) -> None:
+        """What gyro and steering say beside moving the filter, once per fix."""
+        started = self.core.started
+        if self.layout.has_rate and span.standing.any():
+            variance = (self._gyro.walk_noise**2 + self._gyro.rounding**2 * _ROUNDING_STANDING_S) / span.dt_s
+            mask = started & span.standing & span.rate_known
+            self.engine.update(
+                StandingRate(self.layout), span.rate[:, np.newaxis], mask, np.full((self._runs, 1), variance)
+            )
+        if self.layout.steering is None:
+            return
+        speed = np.abs(span.speed) if self.layout.has_speed else np.abs(self.engine.x[:, V])
+        mask = started & span.steering_known & ~span.standing & (speed > self._config.course_from_m_s)
+        mask &= span.rate_known | (not self.layout.has_rate)
+        bend = 1.0 + np.square(np.tan(np.clip(span.steering, -1.2, 1.2)))
+        loose = np.square(self._config.noise.steering_rad * bend * speed / self._wheelbase_m)
+        variance_of = (loose + self._gyro.walk_noise**2 / span.dt_s)[:, np.newaxis]
+        seen = SteeredRate(self.layout, span, wheelbase_m=self._wheelbase_m)
+        nis = self._update_robustly(seen, span.rate[:, np.newaxis], mask, variance_of)
+        self._output.news.put("nis_steering", nis, mask)
+
+    def _hear_fix(self, fix: Fix, span: Span, dt_s: float) -> None:
+        core, there = self.core, fix.there
+        error = self._errors.of(fix)
+        fast = np.nan_to_num(fix.speed) >= max(self._config.course_from_m_s, 3.0 * self._velocity_m_s)
+        known = np.isfinite(self._start_heading)
+        heading = np.where(fast & ~known & np.isfinite(fix.course), fix.course, self._start_heading)
+        beginning = there & np.isfinite(heading) & ~core.started
+        core.begin(fix, error, np.nan_to_num(heading), beginning, self._errors.resolution_m)
+        going = there & core.started & ~beginning
+        if self._config.velocity:
+            self._hear_velocity(fix, span, core.started & there)
+        x = self.engine.x
+        speed = span.speed + x[:, V]
+        speeds = np.stack([speed * np.cos(x[:, PSI]), speed * np.sin(x[:, PSI])], axis=-1)
+        white = core.white_variances(error, speeds, self._errors.resolution_m, min(dt_s, 1.0))
+        y, nis, taken = core.hear(fix, error, white, going)
+        self._output.news.put_position(y, nis, going)
+        core.anchor_better(error, taken)
+        core.begin(fix, error, self.engine.x[:, PSI], taken & core.lost(error), self._errors.resolution_m)
+        self._accepted_ns = np.where(taken | beginning, fix.t_ns, self._accepted_ns)
+
+    def _hear_velocity(self, fix: Fix, span: Span, mask: BoolArray) -> None:
+        mask = mask & np.isfinite(fix.speed) & np.isfinite(fix.course)
+        speed, course = np.where(mask, fix.speed, 0.0), np.where(mask, fix.course, 0.0)
+        z = np.stack([speed * np.cos(course), speed * np.sin(course)], axis=-1)
+        variance = self._velocity_m_s**2 + np.square(self._velocity_ratio * speed)
+        forward, left = self._arm
+        seen = VelocitySeen(self.layout, span, forward_m=forward, left_m=left, lag_s=self._lag_s)
+        nis = self._update_robustly(seen, z, mask, np.repeat(variance[:, np.newaxis], 2, axis=1))
+        self._output.news.put("nis_velocity", nis, mask)
+
+    def _update_robustly(self, seen: Observation, z: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
+        """Update; what is beyond the gate weighs no more than if it were at it. Return the normalised innovation."""
+        gate = self._config.gates.sigmas**2
+        nis = innovation(self.engine, seen, z, R).nis
+        R = R * np.maximum(nis / gate, 1.0)[:, np.newaxis] ** 2
+        self.engine.update(seen, z, mask, R)
+        return nis
+
+    # --- out ---------------------------------------------------------------------------------------------------------
+
+    def estimate(self, t_ns: int) -> Estimate:
+        """Return the estimate at ``t_ns``."""
+        self._take_waiting(t_ns)
+        if self._now_ns is None:
+            nothing = np.full((self._runs, 4), np.nan)
+            extra = np.column_stack([nothing[:, :2], np.zeros(self._runs)])
+            return self._output.estimate(t_ns, nothing, np.full((self._runs, 4, 4), np.nan), extra=extra)
+        begin_ns = self._tip_ns
+        settled = min(self.inputs.settled_ns or t_ns, t_ns)
+        if settled > begin_ns:
+            self._advance(self._tip, begin_ns, settled)
+            begin_ns = self._tip_ns = settled
+        x, P = self._tip.x, self._tip.P
+        if t_ns > begin_ns:
+            self._advance(self._tip, begin_ns, t_ns)
+            (x, P), back = (self._tip.x, self._tip.P), (x, P)
+            self._tip.restore(*back)
+        return self._tell(t_ns, x, P)
+
+    def _tell(self, t_ns: int, x: FloatArray, P: FloatArray) -> Estimate:
+        layout, runs = self.layout, self._runs
+        span = self.inputs.span(t_ns - _SPEED_NS, t_ns)
+        moving = np.where(span.standing, 0.0, 1.0)
+        T = np.zeros((runs, 4, layout.size))
+        T[:, 0, E] = T[:, 1, N] = T[:, 2, PSI] = 1.0
+        T[:, 3, V] = moving
+        speed = span.speed + x[:, V]
+        if layout.scale is not None:
+            T[:, 3, layout.scale] = moving * span.speed
+            speed = speed + span.speed * x[:, layout.scale]
+        state = np.column_stack([x[:, E], x[:, N], x[:, PSI], moving * speed])
+        relative = T.copy()
+        covariance = np.einsum("rij,rjk,rlk->ril", T, P, T)
+        covariance[:, 3, 3] += self._slot_variance * moving
+        if layout.anchor is not None:
+            anchor = x[:, layout.anchor : layout.anchor + 2]
+            state[:, :2] += anchor
+            covariance[:, :2, :2] += anchor[:, :, np.newaxis] * anchor[:, np.newaxis, :]
+            relative[:, 0, layout.anchor] = relative[:, 1, layout.anchor + 1] = 1.0
+        alike = np.einsum("rij,rjk,rik->ri", relative[:, :2], P, relative[:, :2])
+        state, covariance = transported(state, covariance, self._reference_x_m, 0.0)
+        coasting = t_ns - self._accepted_ns > round(self._config.coasting_s * NS_PER_S)
+        mode = np.where(self.core.doubting, 3.0, np.where(coasting, 2.0, 1.0))
+        unknown = ~self.core.started
+        state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
+        extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode])
+        return self._output.estimate(t_ns, state, covariance, extra=extra)
+
+
+class _Gyro:
+    """Noise of a gyro, from its data sheet."""
+
+    def __init__(self, *, walk_noise: float, bias: float, bias_walk: float, scale: float, rounding: float) -> None:
+        self.walk_noise, self.bias, self.bias_walk = walk_noise, bias, bias_walk
+        self.scale, self.rounding = scale, rounding
+
+    @property
+    def walk_rad_rts(self) -> float:
+        """Angle random walk, with the rounding."""
+        return math.sqrt(self.walk_noise**2 + self.rounding**2 * _ROUNDING_S)
+
+    @classmethod
+    def of(cls, info: SensorInfo | None, noise: NoiseConfig) -> _Gyro:
+        """Read the data sheet of an inertial unit or a yaw gyro."""
+        sheet = {} if info is None else info.datasheet
+        prefix = "gyro_" if info is not None and info.kind == IMU else ""
+        period_s = 1.0 if info is None else 1.0 / info.rate_hz
+        sample = sheet.get(f"{prefix}noise_rad_s", 0.0) or noise.gyro_rad_s
+        wander = 2.0 * sheet.get(f"{prefix}bias_instability_rad_s", 0.0) ** 2
+        wander /= sheet.get(f"{prefix}bias_correlation_s", 100.0)
+        wander += sheet.get(f"{prefix}bias_random_walk_rad_s_rts", 0.0) ** 2
+        return cls(
+            walk_noise=sample * math.sqrt(period_s),
+            bias=sheet.get(f"{prefix}bias_rad_s", 0.0) or noise.gyro_bias_rad_s,
+            bias_walk=math.sqrt(wander) or noise.gyro_bias_walk_rad_s_rts,
+            scale=sheet.get(f"{prefix}scale_error_ratio", noise.gyro_scale_ratio),
+            rounding=sheet.get("resolution_rad_s", 0.0) / math.sqrt(12.0),
+        )

@@ -1,0 +1,103 @@
+"""How the guidance filter reads a receiver: what is slow, what steps and what is new of each sample's error.
+
+The kind of solution (fix, float, differential, single) decides: figures are the data sheet's, or those of ordinary
+receivers where it is silent. What a receiver reports may widen them, never narrow them: a float solution may claim
+11 mm and be 0.23 m off, and a driver that does not fill the field in reports zero. Widening is by how much the reported
+sigma, or the dilution of precision, is beyond what is usual for the receiver: what its data sheet says it reports, or
+else the class's whole error; the least dilution so far.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.estimators.guidance_readers import Fix
+from twin.signals import BoolArray, FloatArray, IntArray
+
+SINGLE, DIFFERENTIAL, FLOAT, FIXED = range(4)
+"""Classes of solutions, from the worst to the best."""
+_CLASS_OF: Mapping[int, int] = {1: SINGLE, 2: DIFFERENTIAL, 3: DIFFERENTIAL, 4: FIXED, 5: FLOAT}
+"""By NMEA quality; whatever else there is (dead reckoning, simulated, not told) is taken for the worst."""
+_PREFIXES = ("single_", "differential_", "float_", "")
+_USUAL = ((1.2, 160.0, 0.05), (0.45, 100.0, 0.05), (0.25, 80.0, 0.03), (0.006, 200.0, 0.004))
+"""Slow sigma (m), its correlation time (s) and white sigma (m) of ordinary receivers: NEO-M8U standing and its 1 to 3 m
+reported; SBAS; ZED-F9P float (0.23 m against what it claims) and fix."""
+_RTK_M = 0.1
+"""Reported sigma on a data sheet below which its plain figures are those of a fix."""
+_JUMPS_S = 120.0
+_LEAST_WHITE_M = 2e-3
+_MOST_WIDER = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixError:
+    """Errors of one sample's position, 1 sigma of one axis, (R,) each."""
+
+    kind: IntArray
+    """Class of the solution."""
+    slow_m: FloatArray
+    slow_s: FloatArray
+    """1/e time of the slow part."""
+    jump_m: FloatArray
+    """Part that steps."""
+    white_m: FloatArray
+
+
+class FixErrors:
+    """Errors of a receiver's samples, by its data sheet and what it reports."""
+
+    def __init__(self, sheet: Mapping[str, float], runs: int) -> None:
+        rtk = sheet.get("position_noise_m", math.inf) < _RTK_M
+        self._table = np.array([_figures(sheet, kind, plain_is_fix=rtk) for kind in range(4)])
+        usual = sheet.get("position_noise_m")
+        best = FIXED if rtk else next((k for k in (FLOAT, DIFFERENTIAL, SINGLE) if _has(sheet, k)), None)
+        whole = np.hypot(np.hypot(self._table[:, 0], self._table[:, 2]), self._table[:, 3])
+        self._reports = whole.copy()
+        if usual is not None and best is not None:
+            self._reports[best] = max(usual, whole[best])
+        self.jump_s = sheet.get("jump_interval_s", _JUMPS_S)
+        """1/e time of the part that steps."""
+        self.jumps = bool(self._table[:, 3].any())
+        """Whether the receiver has such a part."""
+        rounding = sheet.get("position_resolution_m", 0.0)
+        self.resolution_m = np.array([sheet.get(f"{axis}_resolution_m", rounding) for axis in ("east", "north")])
+        """(2,) steps of the output, east and north."""
+        self._least_hdop = np.full(runs, np.inf)
+
+    def of(self, fix: Fix) -> FixError:
+        """Errors of a sample."""
+        kind = np.full(len(fix.there), SINGLE)
+        for quality, each in _CLASS_OF.items():
+            kind[fix.quality == quality] = each
+        slow, correlation_s, white, jump = self._table[kind].T
+        known: BoolArray = np.isfinite(fix.hdop) & (fix.hdop > 0.0)
+        self._least_hdop = np.where(known & fix.there, np.fmin(fix.hdop, self._least_hdop), self._least_hdop)
+        diluted = np.where(known, fix.hdop / self._least_hdop, 1.0)
+        reported = np.sqrt(0.5 * np.square(fix.sigma).sum(axis=1))
+        said = np.where(np.isfinite(reported), reported / self._reports[kind], 1.0)
+        wider = np.clip(np.fmax(diluted, said), 1.0, _MOST_WIDER)
+        return FixError(
+            kind=kind, slow_m=slow * wider, slow_s=correlation_s, jump_m=jump * wider, white_m=white * wider
+        )
+
+
+def _has(sheet: Mapping[str, float], kind: int) -> bool:
+    return f"{_PREFIXES[kind]}position_correlated_sigma_m" in sheet
+
+
+def _figures(sheet: Mapping[str, float], kind: int, *, plain_is_fix: bool) -> tuple[float, float, float, float]:
+    """Slow sigma, its correlation time, white sigma and jumps of a class."""
+    usual = _USUAL[kind]
+    if not _has(sheet, kind) or (kind == FIXED and not plain_is_fix):
+        return (*usual, 0.0)
+    prefix = f"{_PREFIXES[kind]}position_"
+    return (
+        max(sheet[f"{prefix}correlated_sigma_m"], _LEAST_WHITE_M),
+        sheet.get(f"{prefix}correlation_s", usual[1]),
+        max(sheet.get(f"{prefix}white_sigma_m", usual[2]), _LEAST_WHITE_M),
+        sheet.get(f"{prefix}jump_sigma_m", 0.0),
+    )

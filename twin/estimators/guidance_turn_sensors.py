@@ -1,0 +1,100 @@
+"""Curvature of the way from the sensors that see a turn without a satellite, the best of those there are.
+
+Steering angle delta: tan(delta) / wheelbase (the middle of the rear axle, no side slip). Its zero is the median of the
+last readings while driving: on a wheelbase of 1 m one degree off makes the curvature of a 60 m bend, and most of a
+field is straight. A yaw rate: over the speed.
+Wheel encoders: the difference of the two wheels' ways over their mean and the track.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.errors import BadInputError
+from twin.estimators.guidance_kinematic_output import SLOW_M_S
+from twin.estimators.roles import IMU, SPEED_COLUMN, column_places, usable
+from twin.estimators.wheel_odometry import Odometer
+from twin.signals import YAW_RATE, EstimatorSetup, FloatArray, Measurement, SensorInfo
+
+STEERING, YAW_GYRO, ODOMETRY, ENCODERS, RADAR = "angle_transducer", "yaw_gyro", "odometry", "wheel_encoders", "radar"
+TURN_SENSORS = (STEERING, ODOMETRY, YAW_GYRO, IMU, ENCODERS)
+"""Kinds that tell a curvature, from the best to the worst."""
+_COLUMN = {STEERING: "steering_angle_rad", ODOMETRY: YAW_RATE, YAW_GYRO: YAW_RATE, IMU: "gyro_z_rad_s"}
+_LEAST_WAY_M = 0.1
+_ZERO_READINGS, _FEWEST_READINGS = 500, 10
+
+
+class CurvatureSensors:
+    """Keeps the newest curvature for R members.
+
+    Raises:
+        BadInputError: no sensor tells one, or a steering angle goes with no wheelbase.
+    """
+
+    def __init__(self, setup: EstimatorSetup, *, wheel_radius_m: float, track_m: float) -> None:
+        found = {info.kind: info for info in reversed(list(setup.sensors.values())) if info.kind in TURN_SENSORS}
+        best = next((kind for kind in TURN_SENSORS if kind in found), None)
+        if best is None:
+            raise BadInputError(
+                f"[estimators.{setup.name}] sensors = {list(setup.sensors)}: none of them sees a turn; "
+                f"odometer_and_steering needs one of kind {', '.join(TURN_SENSORS)}"
+            )
+        if best == STEERING and setup.wheelbase_m <= 0.0:
+            raise BadInputError(
+                f"[estimators.{setup.name}] sensors: {found[best].name!r} gives a steering angle, but this machine has "
+                "no wheelbase"
+            )
+        self._kind, self._info, self._wheelbase_m, self._track_m = best, found[best], setup.wheelbase_m, track_m
+        columns = ("left_slots", "right_slots") if best == ENCODERS else (_COLUMN[best],)
+        self._places = column_places(self._info, columns, setup=setup)
+        self._odometer: Odometer | None = None
+        if best == ENCODERS:
+            self._odometer = Odometer(self._info, wheel_radius_m=wheel_radius_m, track_m=track_m, runs=setup.runs)
+        self._since = np.zeros((setup.runs, 2))
+        self._readings: FloatArray = np.full((_ZERO_READINGS, setup.runs), np.nan)
+        self._count = 0
+        self._reading: FloatArray = np.full(setup.runs, np.nan)
+        self._speedometer = _speedometer(setup)
+        self._speed: FloatArray = np.full(setup.runs, np.nan)
+
+    def hear(self, measurement: Measurement) -> None:
+        """Take a sample of any sensor."""
+        if measurement.sensor == self._info.name:
+            values = measurement.values[:, self._places]
+            good = usable(measurement, values)
+            if self._odometer is not None:
+                turned, way = self._odometer.step(values, good)
+                self._since = self._since + np.column_stack([turned, way])
+            else:
+                self._reading = np.where(good, values[:, 0], self._reading)
+        if self._speedometer is not None and measurement.sensor == self._speedometer.name:
+            speed = measurement.column(SPEED_COLUMN)
+            self._speed = np.where(measurement.valid & np.isfinite(speed), speed, self._speed)
+
+    def curvature(self, speed: FloatArray) -> FloatArray:
+        """Curvature (R,), 1/m, left positive, NaN where unknown; ``speed`` (R,) counts where no odometer tells one."""
+        if self._kind == STEERING:
+            self._readings[self._count % _ZERO_READINGS] = np.where(speed >= SLOW_M_S, self._reading, np.nan)
+            self._count += 1
+            return np.tan(self._reading - self._zero()) / self._wheelbase_m
+        if self._odometer is not None:
+            turned, way = self._since.T
+            enough = np.abs(way) >= _LEAST_WAY_M
+            self._since = np.where(enough[:, np.newaxis], 0.0, self._since)
+            return np.where(enough, turned / np.where(enough, way, 1.0), np.nan)
+        speed = np.where(np.isfinite(self._speed), self._speed, speed)
+        fast = np.abs(speed) >= SLOW_M_S
+        return np.where(fast, self._reading / np.where(fast, speed, 1.0), np.nan)
+
+    def _zero(self) -> FloatArray:
+        """Median of the last readings (R,), 0 while there are too few."""
+        ordered = np.sort(self._readings, axis=0)  # NaN last
+        told = np.isfinite(ordered).sum(axis=0)
+        middle = np.maximum((told - 1) // 2, 0)
+        return np.where(told >= _FEWEST_READINGS, ordered[middle, np.arange(len(told))], 0.0)
+
+
+def _speedometer(setup: EstimatorSetup) -> SensorInfo | None:
+    """The first odometer or radar."""
+    able = (info for info in setup.sensors.values() if info.kind in (ODOMETRY, RADAR) and SPEED_COLUMN in info.columns)
+    return next(able, None)

@@ -1,0 +1,153 @@
+"""Logs in CSV files, read by a mapping (:mod:`twin.formats.csv_mapping`)."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from twin.errors import BadInputError
+from twin.formats.csv_mapping import COLUMNS, CsvMapping, Table
+from twin.formats.csv_rows import Row, TableReader
+from twin.formats.geodetic import Origin
+from twin.formats.gnss_fixes import GNSS, HEAD_EPOCHS, Fix, measurements, origin_of, rate_hz, receiver_info
+from twin.formats.log_clock import LogClock, Placed, follows
+from twin.signals import Measurement, Mount, SensorInfo
+
+_NEUTRAL_IMU = {
+    "accel_noise_m_s2": 0.05,
+    "accel_bias_m_s2": 0.5,
+    "gyro_noise_rad_s": 1e-3,
+    "gyro_bias_rad_s": 0.02,
+}
+"""A choice: a unit of phones and hobby boards, between those of the presets."""
+
+
+class CsvLog:
+    """Sensors in one or several CSV files; see :class:`twin.formats.log.Log`.
+
+    A sample arrives when it is measured. Files are read side by side and each is taken to be in order of time. A
+    receiver whose quality the mapping does not tell counts as a single-point one (1) where it has a position.
+
+    Args:
+        path: one of the files, or their folder; a table without ``file`` is about this one.
+        mapping: what the columns mean.
+        origin: of the local frame; the first position if None, and somewhere where there is none at all.
+
+    Raises:
+        BadInputError: a file is missing, lacks a column, or none of them has a usable row.
+    """
+
+    def __init__(self, path: Path, mapping: CsvMapping, *, origin: Origin | None = None) -> None:
+        self.path = path
+        self.problems: Counter[str] = Counter()
+        self._readers = [TableReader(_file(path, table), table) for table in mapping.tables]
+        heads = [self._head(reader) for reader in self._readers]
+        if not any(heads):
+            raise BadInputError(f"{path}: no row of it can be used")
+        self._first_ns = min(_start_ns(head) for head in heads if head)
+        dated = mapping.tables[0].time.since != "start"
+        self.start_utc_ns = self._first_ns if dated else None
+        fixes = [
+            _fix(reader.table, row, 0, 0)
+            for reader, head in zip(self._readers, heads, strict=True)
+            if reader.table.kind == GNSS
+            for row in head
+        ]
+        if origin is None:
+            origin = origin_of(fixes) if any(fix.placed for fix in fixes) else Origin()
+        self.origin = origin
+        infos = [_info(reader.table, head) for reader, head in zip(self._readers, heads, strict=True) if head]
+        self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in infos}
+
+    @staticmethod
+    def _head(reader: TableReader) -> list[Row]:
+        """Its first rows; of a receiver those from the first position on, if there is one."""
+        rows: list[Row] = []
+        found = reader.table.kind != GNSS
+        for row in reader.rows(Counter()):
+            if not found and _fix(reader.table, row, 0, 0).placed:
+                found = True
+                rows = rows[:1]
+            if len(rows) < HEAD_EPOCHS:
+                rows.append(row)
+            elif found:
+                break
+        return rows
+
+    def measurements(self) -> Iterator[Measurement]:
+        """Measurements in order of arrival; once."""
+        streams = [self._stream(reader) for reader in self._readers]
+        return heapq.merge(*streams, key=lambda measurement: measurement.t_available_ns)
+
+    def _stream(self, reader: TableReader) -> Iterator[Measurement]:
+        return measurements(self._items(reader), self.origin)
+
+    def _items(self, reader: TableReader) -> Iterator[Fix | Measurement]:
+        clock: LogClock[Row] = LogClock(self.problems, begin_ns=self._first_ns)
+        for row in reader.rows(self.problems):
+            for placed in clock.put_absolute(row, row.t_ns):
+                yield _sample(reader.table, placed)
+        for placed in clock.finish():
+            yield _sample(reader.table, placed)
+
+
+def _sample(table: Table, placed: Placed[Row]) -> Fix | Measurement:
+    sample = _fix if table.kind == GNSS else _measurement
+    return sample(table, placed.item, placed.t_ns, placed.t_available_ns)
+
+
+def _file(path: Path, table: Table) -> Path:
+    if table.file is None:
+        if path.is_dir():
+            raise BadInputError(f"{path}: a folder, and the mapping names no file for its table of kind {table.kind!r}")
+        return path
+    return (path if path.is_dir() else path.parent) / table.file
+
+
+def _start_ns(head: Sequence[Row]) -> int:
+    """Time of the first row that another follows: a first one far off does not count."""
+    pairs = itertools.pairwise(head)
+    return next((row.t_ns for row, after in pairs if follows(after.t_ns - row.t_ns)), head[0].t_ns)
+
+
+def _fix(table: Table, row: Row, t_ns: int, t_available_ns: int) -> Fix:
+    fix = Fix(t_ns, t_available_ns, **row.values)
+    if math.isnan(fix.latitude_deg + fix.longitude_deg) or fix.quality == 0.0:
+        return fix._replace(latitude_deg=math.nan, longitude_deg=math.nan, height_m=math.nan, quality=0.0)
+    return fix if "quality" in table.columns else fix._replace(quality=1.0)
+
+
+def _measurement(table: Table, row: Row, t_ns: int, t_available_ns: int) -> Measurement:
+    columns = COLUMNS[table.kind]
+    return Measurement(
+        sensor=table.kind,
+        t_ns=t_ns,
+        t_available_ns=t_available_ns,
+        columns=columns,
+        values=np.array([[row.values.get(column, math.nan) for column in columns]]),
+        valid=np.ones(1, dtype=np.bool_),
+    )
+
+
+def _info(table: Table, head: Sequence[Row]) -> SensorInfo:
+    mount = Mount(body="log", xyz_m=table.xyz_m)
+    rate = rate_hz([row.t_ns for row in head])
+    if table.kind == GNSS:
+        info = receiver_info([_fix(table, row, row.t_ns, row.t_ns) for row in head])
+        columns, sheet = info.columns, dict(info.datasheet)
+    else:
+        columns, sheet = COLUMNS[table.kind], dict(_NEUTRAL_IMU) if table.kind == "imu" else {}
+    return SensorInfo(
+        name=table.kind,
+        kind=table.kind,
+        columns=columns,
+        mount=mount,
+        rate_hz=rate,
+        datasheet=sheet | dict(table.datasheet),
+    )

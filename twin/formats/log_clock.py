@@ -1,0 +1,137 @@
+"""Puts the epochs of a log in time: over midnight, with and without dates, and past clocks that jump.
+
+A receiver says the time of day in every epoch and the date only in some. The day is the one that brings an epoch
+nearest to the latest; a date counts where that is not near, and it dates the log.
+
+An epoch within ``NEAR_NS`` of the latest is in order, or late, and keeps its time. One farther off waits for what comes
+next. If the log goes on as if nothing had been, it is passed over. If the next one goes on from it, there was a gap
+(up to ``LONGEST_GAP_NS`` ahead), which stays. Beyond that, and back, three have to agree: then the receiver's clock has
+been set, or two logs have been joined, and the log's time goes on one second after the latest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Generic, NamedTuple, TypeVar
+
+from twin.signals import NS_PER_S
+
+DAY_NS = 86_400 * NS_PER_S
+NEAR_NS = 10 * NS_PER_S
+LONGEST_GAP_NS = 7_200 * NS_PER_S
+JUMP = "time jumps"
+RESTART = "clock set anew"
+_AGREE_ON_A_GAP, _AGREE_ON_A_JUMP = 2, 3
+
+Item = TypeVar("Item")
+
+
+class Placed(NamedTuple, Generic[Item]):
+    """Something of a log, put in time."""
+
+    item: Item
+    t_ns: int
+    """Since the log's first epoch."""
+    t_available_ns: int
+    """When it arrived: with the latest until then."""
+
+
+def follows(step_ns: int) -> bool:
+    """Whether something may come so long after something else."""
+    return -NEAR_NS <= step_ns <= LONGEST_GAP_NS
+
+
+def _nearest(time_of_day_ns: int, to_ns: int) -> int:
+    """The time with this time of day that is nearest to another."""
+    return to_ns + (time_of_day_ns - to_ns + DAY_NS // 2) % DAY_NS - DAY_NS // 2
+
+
+class LogClock(Generic[Item]):
+    """The clock of one log.
+
+    Args:
+        problems: where epochs that are passed over are counted.
+        begin_ns: time zero on the log's own clock; that of the first epoch if None.
+    """
+
+    def __init__(self, problems: Counter[str], *, begin_ns: int | None = None) -> None:
+        self._problems = problems
+        self._latest = begin_ns
+        self._zero = begin_ns or 0
+        """Time zero on the receiver's clock; moves where that is set anew."""
+        self._waiting: list[tuple[Item, int]] = []
+        self._shift: int | None = None
+        """From the receiver's clock to the time since 1970, ns; None without a date."""
+
+    @property
+    def start_utc_ns(self) -> int | None:
+        """Time zero, ns since 1970; None while no date is known. A clock that is set anew moves it: what a receiver
+        says before it has found the time dates nothing."""
+        return None if self._shift is None else self._zero + self._shift
+
+    def put(self, item: Item, time_of_day_ns: int, day: int | None) -> list[Placed[Item]]:
+        """Take an epoch; return what is known now to be in time, in order of arrival.
+
+        Args:
+            item: what to put in time.
+            time_of_day_ns: since midnight, UTC.
+            day: its date, days since 1970, where it is told.
+        """
+        if self._latest is None:
+            return self.put_absolute(item, (day or 0) * DAY_NS + time_of_day_ns, dated=day is not None)
+        near = _nearest(time_of_day_ns, self._latest)
+        if self._waiting and abs(near - self._latest) > NEAR_NS:
+            near = _nearest(time_of_day_ns, self._waiting[-1][1])
+        if day is None:
+            return self.put_absolute(item, near, dated=False)
+        utc_ns = day * DAY_NS + time_of_day_ns
+        if self._shift is None:
+            self._shift = utc_ns - near
+        return self.put_absolute(item, near if abs(near - self._latest) <= NEAR_NS else utc_ns - self._shift)
+
+    def put_absolute(self, item: Item, clock_ns: int, *, dated: bool = True) -> list[Placed[Item]]:
+        """The same with a clock that tells days and time at once; ``dated`` if it counts from 1970 (UTC)."""
+        if dated and self._shift is None:
+            self._shift = 0
+        if self._latest is None:
+            self._latest = self._zero = clock_ns
+        if abs(clock_ns - self._latest) <= NEAR_NS:
+            self._pass_over()
+            return [self._place(item, clock_ns)]
+        if self._waiting and not follows(clock_ns - self._waiting[-1][1]):
+            self._pass_over()
+        self._waiting.append((item, clock_ns))
+        if self._is_gap():
+            return self._go_on() if len(self._waiting) >= _AGREE_ON_A_GAP else []
+        if len(self._waiting) < _AGREE_ON_A_JUMP:
+            return []
+        self._problems[RESTART] += 1
+        first = self._waiting[0][1]
+        self._zero += first - self._latest - NS_PER_S
+        self._latest = first
+        return self._go_on()
+
+    def finish(self) -> list[Placed[Item]]:
+        """The log has ended: return what lies behind a last gap."""
+        if self._waiting and self._is_gap():
+            return self._go_on()
+        self._pass_over()
+        return []
+
+    def _is_gap(self) -> bool:
+        assert self._latest is not None
+        return NEAR_NS < self._waiting[0][1] - self._latest <= LONGEST_GAP_NS
+
+    def _go_on(self) -> list[Placed[Item]]:
+        waiting, self._waiting = self._waiting, []
+        return [self._place(item, clock_ns) for item, clock_ns in waiting]
+
+    def _pass_over(self) -> None:
+        if self._waiting:
+            self._problems[JUMP] += len(self._waiting)
+            self._waiting = []
+
+    def _place(self, item: Item, clock_ns: int) -> Placed[Item]:
+        assert self._latest is not None
+        self._latest = max(self._latest, clock_ns)
+        return Placed(item, clock_ns - self._zero, self._latest - self._zero)

@@ -1,0 +1,141 @@
+"""Logs of receivers' sentences (NMEA 0183), as one writes them from a serial line."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twin.errors import BadInputError
+from twin.formats.geodetic import Origin
+from twin.formats.gnss_fixes import (
+    HEAD_EPOCHS,
+    UNKNOWN_MOUNT,
+    Fix,
+    measurements,
+    origin_of,
+    rate_hz,
+    receiver_info,
+)
+from twin.formats.lines import lines_of
+from twin.formats.log_clock import LogClock, Placed
+from twin.formats.nmea_epoch import Epoch
+from twin.formats.nmea_epochs import epochs
+from twin.signals import HEADING, YAW_RATE, Measurement, SensorInfo
+
+AHRS, YAW_GYRO = "ahrs", "yaw_gyro"
+AHRS_COLUMNS = (
+    "roll_rad",
+    "pitch_rad",
+    HEADING,
+    "free_accel_e_m_s2",
+    "free_accel_n_m_s2",
+    "free_accel_u_m_s2",
+)
+"""Those of :class:`twin.sensors.ahrs.Ahrs`; a board's sentences have no accelerations."""
+
+Attitude = tuple[float, float, float, float]
+Spoken = tuple[Fix, Attitude | None]
+
+
+class NmeaLog:
+    """A log of sentences of any talkers, ``$PANDA`` and ``$PAOGI`` among them; see :class:`twin.formats.log.Log`.
+
+    Sensors are ``gnss`` and, where a board's IMU speaks, ``ahrs`` and ``yaw_gyro``. Dates come from RMC and ZDA. An
+    epoch arrives when it is measured: sentences do not say when they were sent.
+
+    Args:
+        path: the file, which has to be there.
+        origin: of the local frame; the first position if None.
+
+    Raises:
+        BadInputError: no sentence in it has a position with a time.
+    """
+
+    def __init__(self, path: Path, *, origin: Origin | None = None) -> None:
+        self.path = path
+        self.problems: Counter[str] = Counter()
+        head, clock = self._look()
+        self.origin = origin_of([fix for fix, _ in head]) if origin is None else origin
+        self.start_utc_ns = clock.start_utc_ns
+        self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in _infos(head)}
+
+    def _look(self) -> tuple[list[Spoken], LogClock[Epoch]]:
+        """The head of the log from its first position on, and the clock it has set."""
+        unused: Counter[str] = Counter()
+        clock: LogClock[Epoch] = LogClock(unused)
+        head: list[Spoken] = []
+        for item in _placed(epochs(lines_of(self.path, unused), unused), clock):
+            if head or item[0].placed:
+                head.append(item)
+            if len(head) >= HEAD_EPOCHS:
+                break
+        if not head:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
+            raise BadInputError(f"{self.path}: no sentence has a position with a time ({kinds or 'nothing at all'})")
+        return head, clock
+
+    def measurements(self) -> Iterator[Measurement]:
+        """Measurements in order of arrival; once."""
+        return measurements(self._items(LogClock(self.problems)), self.origin)
+
+    def _items(self, clock: LogClock[Epoch]) -> Iterator[Fix | Measurement]:
+        for fix, attitude in _placed(epochs(lines_of(self.path, self.problems), self.problems), clock):
+            yield fix
+            if attitude is not None and AHRS in self.sensors:
+                yield from _imu(fix, attitude)
+
+
+def _placed(found: Iterator[Epoch], clock: LogClock[Epoch]) -> Iterator[Spoken]:
+    for epoch in found:
+        for placed in clock.put(epoch, epoch.time_of_day_ns, epoch.day):
+            yield _fix(placed), placed.item.attitude
+    for placed in clock.finish():
+        yield _fix(placed), placed.item.attitude
+
+
+def _fix(placed: Placed[Epoch]) -> Fix:
+    epoch = placed.item
+    return Fix(
+        placed.t_ns,
+        placed.t_available_ns,
+        epoch.latitude_deg,
+        epoch.longitude_deg,
+        epoch.height_m,
+        epoch.speed_m_s,
+        epoch.compass_deg,
+        epoch.sigma_e_m,
+        epoch.sigma_n_m,
+        epoch.sigma_u_m,
+        epoch.quality,
+        epoch.satellites,
+        epoch.hdop,
+        epoch.vdop,
+        epoch.age_s,
+        epoch.geoid_m,
+    )
+
+
+def _imu(fix: Fix, attitude: Attitude) -> Iterator[Measurement]:
+    roll, pitch, heading, yaw_rate = attitude
+    told = {AHRS: (AHRS_COLUMNS, [roll, pitch, heading, *[math.nan] * 3]), YAW_GYRO: ((YAW_RATE,), [yaw_rate])}
+    for sensor, (columns, values) in told.items():
+        yield Measurement(
+            sensor=sensor,
+            t_ns=fix.t_ns,
+            t_available_ns=fix.t_available_ns,
+            columns=columns,
+            values=np.array([values]),
+            valid=np.ones(1, dtype=np.bool_),
+        )
+
+
+def _infos(head: list[Spoken]) -> Iterator[SensorInfo]:
+    yield receiver_info([fix for fix, _ in head])
+    rate = rate_hz([fix.t_ns for fix, attitude in head if attitude is not None])
+    if any(attitude is not None for _, attitude in head):
+        for name, columns in ((AHRS, AHRS_COLUMNS), (YAW_GYRO, (YAW_RATE,))):
+            yield SensorInfo(name=name, kind=name, columns=columns, mount=UNKNOWN_MOUNT, rate_hz=rate)

@@ -1,0 +1,243 @@
+"""Solution files of RTKLIB (``.pos``): an epoch a line, in columns that the last line of the header names.
+
+Time is GPST, UTC or JST, as week and seconds or as a date; a position is latitude and longitude (degrees, or degrees,
+minutes and seconds) with the ellipsoidal height, or x, y, z. GPS time is ahead of UTC by the leap seconds since 1980.
+Baselines (east, north, up) have no place on the globe and are not read.
+
+RTKLIB's Q is not NMEA's quality: 1 fixed is 4, 2 float is 5, 3 SBAS and 4 differential are 2, 5 single is 1, 6 PPP is 3
+(NMEA's "precise"), 7 dead reckoning is 6, 0 none is 0. Its age is that of the corrections; of ratio and covariances
+no use is made, nor of the sigmas and velocities of x, y, z.
+
+Source: RTKLIB manual, version 2.4.2, appendix B.1.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pymap3d
+
+from twin.errors import BadInputError
+from twin.formats.geodetic import Origin
+from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, at, measurements, origin_of, receiver_info
+from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
+from twin.formats.lines import lines_of
+from twin.formats.log_clock import LogClock
+from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
+from twin.signals import NS_PER_S, Measurement, SensorInfo
+
+NO_HEADER = "no header"
+QUALITIES = {0: 0, 1: 4, 2: 5, 3: 2, 4: 2, 5: 1, 6: 3, 7: 6}
+_WEEK_S = 604_800
+_PLACES = {
+    ("latitude(deg)", "longitude(deg)", "height(m)"): (3, "degrees"),
+    ("latitude(d'\")", "longitude(d'\")", "height(m)"): (7, "sexagesimal"),
+    ("x-ecef(m)", "y-ecef(m)", "z-ecef(m)"): (3, "ecef"),
+}
+"""Names of the position's columns: how many numbers, and of what sort."""
+_REST = ("q", "ns", "sdn(m)", "sde(m)", "sdu(m)", "age(s)", "vn(m/s)", "ve(m/s)")
+
+Place = tuple[float, float, float]
+
+
+def _names(header: str) -> list[str]:
+    """Words of a header's line, whatever separates them."""
+    return header.lstrip("%").replace(",", " ").replace(";", " ").lower().split()
+
+
+class _Layout:
+    """What the columns of a file are, by its header."""
+
+    def __init__(self, header: str) -> None:
+        names = _names(header)
+        self.ahead_s = {"utc": 0, "jst": 9 * 3600}.get(names[0])
+        for columns, (count, sort) in _PLACES.items():
+            if tuple(names[1:4]) == columns:
+                self.count, self.sort = count, sort
+                break
+        else:
+            raise BadSentenceError(NO_HEADER)
+        rest = names[4:]
+        self.index = {name: 2 + self.count + rest.index(name) for name in _REST if name in rest}
+        if "q" not in self.index:
+            raise BadSentenceError(NO_HEADER)
+        self.least = self.index["q"] + 1
+        self.place = _READERS[self.sort]
+
+
+def _checked(latitude: float, longitude: float, height: float) -> Place:
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and abs(height) <= 1e5):
+        raise BadSentenceError(OUT_OF_RANGE)
+    return latitude, longitude, height
+
+
+def _degrees(numbers: Sequence[float]) -> Place:
+    return _checked(numbers[0], numbers[1], numbers[2])
+
+
+def _sexagesimal(numbers: Sequence[float]) -> Place:
+    angles = []
+    for degrees, minutes, seconds in (numbers[:3], numbers[3:6]):
+        if not (0.0 <= minutes < 60.0 and 0.0 <= seconds <= 60.0):
+            raise BadSentenceError(OUT_OF_RANGE)
+        angles.append(math.copysign(abs(degrees) + minutes / 60.0 + seconds / 3600.0, degrees))
+    return _checked(angles[0], angles[1], numbers[6])
+
+
+def _ecef(numbers: Sequence[float]) -> Place:
+    if not 6.3e6 <= math.hypot(*numbers) <= 6.5e6:
+        raise BadSentenceError(OUT_OF_RANGE)
+    latitude, longitude, height = pymap3d.ecef2geodetic(*numbers)
+    return _checked(float(latitude), float(longitude), float(height))
+
+
+_READERS: dict[str, Callable[[Sequence[float]], Place]] = {
+    "degrees": _degrees,
+    "sexagesimal": _sexagesimal,
+    "ecef": _ecef,
+}
+
+
+def _time_ns(first: bytes, second: bytes, ahead_s: int | None) -> int:
+    """UTC, ns since 1970, of the two words of time; ``ahead_s`` is by how much they are ahead of UTC, None for GPST."""
+    try:
+        if b"/" in first:
+            year, month, day = map(int, first.split(b"/"))
+            clock, _, fraction = second.partition(b".")
+            hours, minutes, seconds = map(int, clock.split(b":"))
+            when = dt.datetime(year, month, day, hours, minutes, tzinfo=dt.UTC)
+            if not 0 <= seconds <= 60:
+                raise BadSentenceError(OUT_OF_RANGE)
+            whole = int(when.timestamp()) + seconds
+        else:
+            seconds_text, _, fraction = second.partition(b".")
+            whole = UNIX_OF_GPS_S + int(first) * _WEEK_S + int(seconds_text)
+        part = int(fraction.ljust(9, b"0")[:9]) if fraction else 0
+    except (ValueError, OverflowError):
+        raise BadSentenceError(NOT_A_NUMBER) from None
+    if not 0 <= whole < 2**33 or part < 0:
+        raise BadSentenceError(OUT_OF_RANGE)
+    return (whole - (leap_seconds(whole) if ahead_s is None else ahead_s)) * NS_PER_S + part
+
+
+def _numbers(words: Sequence[bytes]) -> list[float]:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        raise BadSentenceError(NOT_A_NUMBER) from None
+    if any(b"_" in word for word in words):
+        raise BadSentenceError(NOT_A_NUMBER)
+    if not all(map(math.isfinite, numbers)):
+        raise BadSentenceError(OUT_OF_RANGE)
+    return numbers
+
+
+class _Row:
+    """One epoch's line, read by a layout."""
+
+    def __init__(self, line: bytes, layout: _Layout) -> None:
+        words = line.replace(b",", b" ").replace(b";", b" ").split()
+        if len(words) < layout.least:
+            raise BadSentenceError(MISSING)
+        self.utc_ns = _time_ns(words[0], words[1], layout.ahead_s)
+        self._numbers = [0.0, 0.0, *_numbers(words[2:])]
+        self._index = layout.index
+        place = layout.place(self._numbers[2 : 2 + layout.count])
+        quality = QUALITIES.get(int(self._told("q", -1.0, 99.0)))
+        if quality is None:
+            raise BadSentenceError(OUT_OF_RANGE)
+        north, east = self._told("vn(m/s)", -1e3, 1e3), self._told("ve(m/s)", -1e3, 1e3)
+        self.fix = Fix(
+            0,
+            0,
+            *(place if quality else (math.nan, math.nan, math.nan)),
+            speed_m_s=math.hypot(north, east),
+            compass_deg=math.degrees(math.atan2(east, north)) % 360.0,
+            sigma_e_m=self._told("sde(m)", 0.0, 1e7),
+            sigma_n_m=self._told("sdn(m)", 0.0, 1e7),
+            sigma_u_m=self._told("sdu(m)", 0.0, 1e7),
+            quality=quality,
+            satellites=self._told("ns", 0, 999),
+            age_s=abs(self._told("age(s)", -1e6, 1e6)),
+        )
+
+    def _told(self, name: str, low: float, high: float) -> float:
+        """A column; NaN where the file has none."""
+        index = self._index.get(name)
+        if index is None or index >= len(self._numbers):
+            return math.nan
+        value = self._numbers[index]
+        if not low <= value <= high:
+            raise BadSentenceError(OUT_OF_RANGE)
+        return value
+
+
+class RtklibLog:
+    """A solution of RTKLIB; see :class:`twin.formats.log.Log`. Its one sensor is ``gnss``.
+
+    Dilutions of precision are not told (NaN), nor is a speed unless the solution has velocities. An epoch arrives when
+    it is measured.
+
+    Args:
+        path: the file, which has to be there.
+        origin: of the local frame; the first position if None.
+
+    Raises:
+        BadInputError: there is no epoch with a position in it.
+    """
+
+    def __init__(self, path: Path, *, origin: Origin | None = None) -> None:
+        self.path = path
+        self.problems: Counter[str] = Counter()
+        unused: Counter[str] = Counter()
+        clock: LogClock[Fix] = LogClock(unused)
+        head: list[Fix] = []
+        for fix in self._fixes(clock, unused):
+            if head or fix.placed:
+                head.append(fix)
+            if len(head) >= HEAD_EPOCHS:
+                break
+        if not head:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
+            raise BadInputError(f"{path}: no epoch has a position ({kinds or 'nothing at all'})")
+        self.origin = origin_of(head) if origin is None else origin
+        self.start_utc_ns = clock.start_utc_ns
+        info = receiver_info(head)
+        self.sensors: Mapping[str, SensorInfo] = {info.name: info}
+
+    def measurements(self) -> Iterator[Measurement]:
+        """Measurements in order of arrival; once."""
+        return measurements(self._fixes(LogClock(self.problems), self.problems), self.origin)
+
+    def _fixes(self, clock: LogClock[Fix], problems: Counter[str]) -> Iterator[Fix]:
+        layout: _Layout | None = None
+        for line in lines_of(self.path, problems):
+            try:
+                if line.startswith(b"%"):
+                    layout = _layout(line) or layout
+                    continue
+                row = _row(line, layout)
+            except BadSentenceError as error:
+                problems[error.kind] += 1
+                continue
+            for placed in clock.put_absolute(row.fix, row.utc_ns):
+                yield at(placed)
+        for placed in clock.finish():
+            yield at(placed)
+
+
+def _row(line: bytes, layout: _Layout | None) -> _Row:
+    if layout is None:
+        raise BadSentenceError(NO_HEADER)
+    return _Row(line, layout)
+
+
+def _layout(line: bytes) -> _Layout | None:
+    """The layout that a header's line tells; None for its other lines."""
+    header = line.decode("ascii", "replace")
+    names = _names(header)
+    return _Layout(header) if len(names) > 4 and names[0] in {"gpst", "utc", "jst"} else None

@@ -1,0 +1,143 @@
+"""Metrics of a replay, fed in pieces: what innovations, tracks, qualities and a reference tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from twin.logreplay.reference import ReferencePoints
+from twin.recording import Stream, covariance_column
+from twin.scoring.against_reference import Differences, ReferenceTally
+from twin.scoring.innovations import InnovationTally
+from twin.scoring.tracks import SmoothnessTally, Track
+from twin.scoring.transitions import TransitionTally
+from twin.signals import HEADING, POSITION, FloatArray, sigma_column
+
+_EAST, _NORTH = POSITION[:2]
+_RECEIVER_SIGMAS = ("sigma_e_m", "sigma_n_m")
+
+
+class Figures:
+    """Tallies of the receiver and of every estimator; ``receiver`` is None where a log has none."""
+
+    def __init__(
+        self,
+        estimators: Mapping[str, tuple[str, ...]],
+        *,
+        receiver: str | None,
+        longest_gap_s: float,
+        with_reference: bool,
+        antenna_m: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """``estimators`` has their streams' columns, ``antenna_m`` the antenna's place before and left of what they
+        estimate."""
+        self._receiver = receiver
+        self._antenna_m = antenna_m
+        self._innovations = {name: InnovationTally(columns) for name, columns in estimators.items()}
+        tracks = [name for name, columns in estimators.items() if {_EAST, _NORTH} <= set(columns)]
+        self._located = tracks
+        told = ([receiver] if receiver is not None else []) + tracks
+        self._smoothness = {name: SmoothnessTally(longest_gap_s) for name in told}
+        self._transitions = TransitionTally(longest_gap_s)
+        self._references = {name: ReferenceTally() for name in told} if with_reference else {}
+
+    def add_receiver(self, stream: Stream, reference: ReferencePoints | None) -> Stream | None:
+        """Take what the receiver measured; return its errors, where there is a reference."""
+        assert self._receiver is not None
+        self._smoothness[self._receiver].add(Track.of(stream))
+        if reference is None:
+            return None
+        track = Track.of(stream)
+        sigmas = [_column(stream, name) for name in _RECEIVER_SIGMAS]
+        claimed = sigmas[0] ** 2, np.zeros(len(stream)), sigmas[1] ** 2
+        found = _differences((track.east_m, track.north_m), claimed, reference)
+        self._references[self._receiver].add(found, _column(stream, "quality"), reference.fixed)
+        return _errors(stream, found)
+
+    def add_estimates(
+        self, epochs: Stream, estimates: Mapping[str, Stream], reference: ReferencePoints | None
+    ) -> dict[str, Stream]:
+        """Take rows of all estimators at the same times, with what the receiver told then (``epochs``).
+
+        Return their errors, where there is a reference.
+        """
+        quality = epochs.column("quality")[:, 0]
+        tracks = {} if self._receiver is None else {self._receiver: Track.of(epochs)}
+        errors: dict[str, Stream] = {}
+        for name, stream in estimates.items():
+            self._innovations[name].add(stream)
+            if name not in self._located:
+                continue
+            tracks[name] = Track.of(stream)
+            self._smoothness[name].add(tracks[name])
+            if reference is not None:
+                found = self._estimate_differences(stream, reference)
+                self._references[name].add(found, quality, reference.fixed)
+                errors[name] = _errors(stream, found)
+        if self._receiver is not None:
+            self._transitions.add(quality, tracks)
+        return errors
+
+    def _estimate_differences(self, stream: Stream, reference: ReferencePoints) -> Differences:
+        east, north = _column(stream, _EAST), _column(stream, _NORTH)
+        ahead, left = self._antenna_m
+        if ahead or left:
+            heading = _column(stream, HEADING)
+            east = east + ahead * np.cos(heading) - left * np.sin(heading)
+            north = north + ahead * np.sin(heading) + left * np.cos(heading)
+        crossed = covariance_column(_EAST, _NORTH)
+        covariance = _column(stream, crossed) if stream.has(crossed) else np.zeros(len(stream))
+        variances = [_column(stream, sigma_column(name)) ** 2 for name in (_EAST, _NORTH)]
+        return _differences((east, north), (variances[0], covariance, variances[1]), reference)
+
+    def metrics(self) -> dict[str, float]:
+        """Metrics by name; NaN where nothing can be said."""
+        found: dict[str, float] = {}
+        for name in dict.fromkeys([*self._smoothness, *self._innovations]):
+            parts: dict[str, float] = {}
+            if name == self._receiver:
+                parts |= self._transitions.receiver_figures()
+            if name in self._innovations:
+                parts |= self._innovations[name].figures()
+            if name in self._smoothness:
+                parts |= self._smoothness[name].figures()
+            parts |= self._transitions.track_figures(name)
+            if name in self._references:
+                parts |= self._references[name].figures()
+            found |= {f"{name}.{key}": value for key, value in parts.items()}
+        return found
+
+
+def _column(stream: Stream, name: str) -> FloatArray:
+    return stream.column(name)[:, 0] if stream.has(name) else np.full(len(stream), math.nan)
+
+
+def _differences(
+    places: tuple[FloatArray, FloatArray], covariance: tuple[FloatArray, FloatArray, FloatArray], at: ReferencePoints
+) -> Differences:
+    """Of places (east, north) with a covariance (east, both, north); the reference's variance comes on top."""
+    return Differences(
+        east_m=places[0] - at.east_m,
+        north_m=places[1] - at.north_m,
+        var_e_m2=covariance[0] + at.var_e_m2,
+        cov_en_m2=covariance[1],
+        var_n_m2=covariance[2] + at.var_n_m2,
+    )
+
+
+ERROR_COLUMNS = ("error_m", "error_e_m", "error_n_m", "sigma_m")
+"""Of a stream of errors: horizontal, east, north, and root of the sum of the claimed variances."""
+
+
+def _errors(stream: Stream, found: Differences) -> Stream:
+    values = np.column_stack(
+        [
+            np.hypot(found.east_m, found.north_m),
+            found.east_m,
+            found.north_m,
+            np.sqrt(found.var_e_m2 + found.var_n_m2),
+        ]
+    )
+    return Stream(columns=ERROR_COLUMNS, t_ns=stream.t_ns, values=values[:, np.newaxis])
