@@ -14,13 +14,13 @@ from tests.estimators.test_height_filter_profile import (
     CHASSIS,
     MOUNTS,
     STROKE,
-    WHEELBASE_M,
     Carrier,
     build,
     over_ground,
     said,
 )
 from twin.errors import BadInputError
+from twin.estimators.height_filter_surface import Ground, SurfaceAid
 from twin.estimators.height_filter_surface_map import POINT, SPACING_M, SurfaceMap
 from twin.geometry import rotation_from_rpy
 from twin.signals import NS_PER_S, FloatArray
@@ -91,6 +91,17 @@ def test_members_have_maps_of_their_own_and_the_oldest_is_forgotten() -> None:
     assert height(2.0) == pytest.approx([0.002, 0.002])
 
 
+# --- what is believed ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_far_off_is_believed_less() -> None:
+    """At 1.345 sigma as it is, at twice that with twice the variance: a pull that does not grow with the innovation."""
+    one = np.ones(3)
+    ground = Ground(one > 0.0, one, 1e-4 * one, one, np.zeros(3, dtype=np.int64))
+    variance = SurfaceAid.believed(ground, 0.02 * np.array([0.5, 1.345, -2.69]), 4e-4 * one)
+    assert variance[:, 0] == pytest.approx([1e-4, 1e-4, 2e-4])
+
+
 # --- round and round -------------------------------------------------------------------------------------------------
 
 
@@ -147,7 +158,6 @@ def test_the_bench_rides_on_what_it_cut() -> None:
         axle, _ = machine._point(LAP_M + s, np.zeros(3))
         assert axle[2] == pytest.approx(edge[2], abs=1e-6)
         assert math.hypot(*(axle - edge)[:2]) < 0.05
-    assert WHEELBASE_M > 0.0
 
 
 @pytest.fixture(scope="module")
@@ -190,12 +200,14 @@ def test_sigma_is_honest(again: dict[str, Result]) -> None:
 def test_it_bounds_what_grows_without(again: dict[str, Result]) -> None:
     """An age of 75 s and a correlation time of 100 s, rho = 0.47, make 8.8 mm of the map's 5.3.
 
-    With 5.3 mm of the fix when o was learnt, 6 mm by which o has changed in 55 s, and 10 mm of white error in each of
-    35 samples that is 12 mm at most, at any time; without it is more than twice as much and growing.
+    With 10 mm by which the wheels may stand deeper and 10 mm of white error in each reading a single one tells the
+    height to 16.6 mm, whenever it comes; a few of them to 14 mm. A reading comes every 1.5 s, and in between little is
+    lost. So sigma stays below the first and is below the second in the end, when it is twice as much without.
     """
     ours, without = again["ours"], again["without"]
     lost = ours.t_s > LOST_S
-    assert ours.sigma_m[lost].mean(axis=1).max() <= 0.0125
+    assert ours.sigma_m[lost].mean(axis=1).max() <= 0.0166
+    assert ours.sigma_m[-1].mean() <= 0.014
     assert without.sigma_m[-1].mean() > 2.0 * ours.sigma_m[-1].mean()
     assert np.sqrt(np.mean(ours.error_m[-1] ** 2)) < 0.5 * np.sqrt(np.mean(without.error_m[-1] ** 2))
 

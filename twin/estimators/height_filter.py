@@ -31,7 +31,7 @@ from twin.estimators.height_filter_model import B0, B1, C, Layout, SlowError, Sp
 from twin.estimators.height_filter_profile import ALIGNMENT, TRIM, ProfileAid
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_samples import AccelerationHistory
-from twin.estimators.height_filter_surface import SINKING, SurfaceAid
+from twin.estimators.height_filter_surface import DIFFERENCE, SurfaceAid
 from twin.estimators.height_filter_tilt import LevelFilter
 from twin.estimators.held_height import AHRS
 from twin.estimators.roles import GNSS
@@ -377,7 +377,7 @@ def _motion(
         states = (pitch, TRIM, ALIGNMENT) if tilt else (pitch, TRIM)
         errors.update(enumerate(states, start=layout.pitch))
     if layout.surface is not None:
-        errors.update(enumerate((SINKING, _fix_error(receiver)), start=layout.surface))
+        errors.update(enumerate((DIFFERENCE, _fix_error(receiver)), start=layout.surface))
     offset = float(np.hypot(sheet.get("free_accel_bias_m_s2", _OFFSET_M_S2), leak))
     walk = float(np.hypot(config.bias_walk_m_s2_rts, sheet.get("free_accel_trend_m_s3", 0.0) * math.sqrt(_TREND_S)))
     return SpanMotion(layout, errors, offset_sigma=offset, offset_walk=walk, runs=runs)

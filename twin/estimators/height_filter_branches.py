@@ -291,11 +291,12 @@ class Branches:
         tracking = t_ns - self.beliefs.used_ns <= self._unbroken_ns
         ground = surface.read(lean)
         if ground.known.any():
-            observation = surface.observe(held, ground, layout)
+            surface.begin((held, self.candidate), ground, layout)
+            observation = surface.observe(ground, layout)
             y, S = observation.innovation(held.x, held.P, ground.height_m)
             self.nis["surface"] = np.where(ground.known, np.square(y) / S, np.nan)
             passed = ground.known & (np.square(y) <= self._gate * S)
-            held.update(observation, ground.height_m[:, np.newaxis], passed, observation.R)
+            held.update(observation, ground.height_m[:, np.newaxis], passed, surface.believed(ground, y, S))
             surface.learn(ground, y, S, tracking)
         surface.write(held.x, held.P, layout, tracking)
 

@@ -63,7 +63,7 @@ class Layout:
     pitch: int | None
     """The carrier's pitch error (rad), its trim, and, if there is a tilt, how the two AHRS are aligned."""
     surface: int | None
-    """How much deeper wheels stand than the blade cuts, and the error of what is known of the ground, m."""
+    """How much deeper wheels stand than the blade cut, and the error of what is known of that, m."""
     size: int
 
     @classmethod

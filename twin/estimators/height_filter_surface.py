@@ -6,14 +6,15 @@ from the implement's AHRS to the ground below the rear axle, whose height above 
 
     edge's height then = h + l + o + m + w
 
-h is the height of the AHRS now; o how much deeper the wheels stand than the blade cuts, with whatever offset stroke and
-attitude have; m the error that the fix had when the ground was cut; w white.
+h is the height of the AHRS now; o how much deeper the wheels stand than the blade cut, which goes with moisture, less
+what soil was spilled there since, with whatever offset stroke and attitude have; m the error that the fix had when the
+ground was cut; w white.
 
 **Did it cut?** The filter knows how high the wheels stood just before the edge came there. Where they stood more than
 5 mm above the edge, the edge cut. Elsewhere it only fills what its load suffices for.
 
-**Errors.** o is a state, learnt with RTK in the round before. m is one too; it goes on along a pass as the fix's error
-does in time, and begins anew with every other pass. It has to do with the fix's error now the less, the longer ago the
+**Errors.** o and m are states. m goes on along a pass as the fix's error does in time, and begins anew with every other
+pass. It has to do with the fix's error now the less, the longer ago the
 pass was: with a correlation rho its variance is taken (1 + rho) / (1 - rho) times as large, so that the mean of both is
 not believed more than it is worth. w is learnt from what innovations are more than the filter expects while fixes are
 used, from samples so far apart that they have nothing to do with one another.
@@ -24,6 +25,7 @@ silent. It needs to follow the attitude error too (:mod:`twin.estimators.height_
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,8 +41,8 @@ from twin.estimators.height_filter_tracks import Track
 from twin.estimators.roles import column_places
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, IntArray, Measurement, SensorInfo
 
-SINKING = SlowError(sigma=0.01, correlation_s=300.0)
-"""By how much wheels stand deeper than the blade cuts: a centimetre that is another in five minutes; a choice."""
+DIFFERENCE = SlowError(sigma=0.01, correlation_s=30.0)
+"""How much lower or higher wheels stand than the blade cut: a centimetre that is another in thirty metres; a choice."""
 _CUT_M = 0.005
 """So much higher than the edge the wheels stood where it surely cut."""
 _RAISED_M = -0.10
@@ -53,6 +55,8 @@ _ROUGH_M, _LEAST_M = 0.01, 0.004
 """White error before any was learnt, and the least that is believed, 1 sigma; choices."""
 _LEARNT, _GUESSED = 40.0, 8.0
 """Of how many samples the noise is learnt, and how many the first guess counts for."""
+_USUAL_SIGMAS = 1.345
+"""What is farther off is believed less: Huber's usual choice, which costs 5 % where all errors are normal."""
 _SLOWEST_M_S = 0.3
 _FARTHEST_M = 200.0
 """So far from the last fix its place is known well enough."""
@@ -226,25 +230,35 @@ class SurfaceAid:
         height, variance, age_s = self._map.find(state.t_ns, place, direction, state.valid_ns)
         known = np.isfinite(height)
         alike = np.exp(-np.where(known, age_s, 1.0) / self._fix.correlation_s)
-        arm2 = (self._edge.xyz_m[0] + self._behind_m) ** 2
         cut_ns = state.t_ns - np.round(np.where(known, age_s, 0.0) * NS_PER_S).astype(np.int64)
         self.state = replace(state, since_read_m=np.where(known, 0.0, state.since_read_m))
         return Ground(
             known=known,
             height_m=np.where(known, height - self._axle, 0.0),
-            variance=state.rough_m2 + arm2 * lean[REST],
+            variance=state.rough_m2 + ahead**2 * lean[REST],
             then_variance=np.where(known, variance, 1.0) * (1.0 + alike) / (1.0 - alike),
             cut_ns=np.where(known, cut_ns, state.read_ns),
         )
 
-    def observe(self, branch: Engine, ground: Ground, layout: Layout) -> SumOfStates:
-        """The height as the filter sees it; begins m anew in ``branch`` where another pass is read."""
+    def begin(self, branches: Iterable[Engine], ground: Ground, layout: Layout) -> None:
+        """Begin m anew in all branches where another pass is read than before."""
         assert layout.surface is not None
         another = ground.known & (np.abs(ground.cut_ns - self.state.read_ns) > _ANOTHER_PASS_NS)
         if another.any():
-            renew_state(branch, layout.surface + 1, another, np.zeros(len(another)), ground.then_variance)
+            for branch in branches:
+                renew_state(branch, layout.surface + 1, another, np.zeros(len(another)), ground.then_variance)
         self.state = replace(self.state, read_ns=ground.cut_ns)
+
+    @staticmethod
+    def observe(ground: Ground, layout: Layout) -> SumOfStates:
+        """The height as the filter sees it."""
+        assert layout.surface is not None
         return SumOfStates({H: 1.0, layout.surface: 1.0, layout.surface + 1: 1.0}, ground.variance, size=layout.size)
+
+    @staticmethod
+    def believed(ground: Ground, y: FloatArray, S: FloatArray) -> FloatArray:
+        """(R, 1) white variance by what an innovation (R,) says: spilled soil may lie on what was cut (Huber)."""
+        return (ground.variance * np.maximum(np.abs(y) / (_USUAL_SIGMAS * np.sqrt(S)), 1.0))[:, np.newaxis]
 
     def learn(self, ground: Ground, y: FloatArray, S: FloatArray, tracking: BoolArray) -> None:
         """Learn the noise from an innovation (R,) and its expected variance where fixes are used."""
