@@ -19,13 +19,13 @@ pass was: with a correlation rho its variance is taken (1 + rho) / (1 - rho) tim
 not believed more than it is worth. w is learnt from what innovations are more than the filter expects while fixes are
 used, from samples so far apart that they have nothing to do with one another.
 
-**Measured** in the second round of ``scraper_levelling``, the lever known: all along the lanes the axle's height is that
-of the edge in the first round less 4 mm, with 12 mm of spread that is another after 1 to 2 s (one world). Where the edge
-surely cut, two fifths of the way, the spread within a lane is 2 to 6 mm, about a mean that is the fix's error then and
-now; in one of ten lanes, where soil was spilled later, 19 mm (two worlds). In a loss of 120 s of that round
-(``scraper_levelling_loss_again``), filters over the same recordings of four worlds: sigma 28, 60 and 100 s after the last
-fix 22, 17 and 18 mm, without the aid 32, 51 and 78 (28 s is in a headland, where nothing can be read); RMS error in the
-loss 16 mm, without 50.
+**Measured** in the second round of ``scraper_levelling``, the lever known: all along the lanes the axle's height is
+that of the edge in the first round less 4 mm, with 12 mm of spread that is another after 1 to 2 s (one world). Where
+the edge surely cut, two fifths of the way, the spread within a lane is 2 to 6 mm, about a mean that is the fix's
+error then and now; in one of ten lanes, where soil was spilled later, 19 mm (two worlds). In a loss of 120 s of that
+round (``scraper_levelling_loss_again``), filters over the same recordings of four worlds: sigma 28, 60 and 100 s
+after the last fix 22, 17 and 18 mm, without the aid 32, 51 and 78 (28 s is in a headland, where nothing can be read);
+RMS error in the loss 16 mm, without 50.
 
 Where it is, level, the filter reckons from the last fix by the receiver's level velocity; without that the aid is
 silent. It needs to follow the attitude error too (:mod:`twin.estimators.height_filter_tilt`).
