@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from importlib.metadata import EntryPoint
 
 import pytest
 
@@ -91,8 +92,15 @@ def test_a_class_of_the_users_own_is_told_from_a_kind() -> None:
     assert is_built_in("guidance_pv")
     assert is_built_in("cv=guidance_kinematic:model=constant_velocity")
     assert not is_built_in("my_module:Filter")
-    assert not is_built_in("registered")
-    assert not is_built_in("plugin")
+    assert is_built_in("guidence_pv")  # misspelt: choose() says which was meant
+
+
+def test_a_registered_class_is_told_from_a_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint(name="mine", value="module:Filter", group="twin.estimators")
+    monkeypatch.setattr("twin.logreplay.choice.registered", lambda: {"mine": point})
+    assert not is_built_in("mine")
+    with pytest.raises(BadInputError, match="did you mean 'guidance_pv'"):
+        choose(["guidence_pv"])
 
 
 def test_the_antenna_is_the_reference_frame_unless_told() -> None:
