@@ -8,7 +8,8 @@ Of the machine, in a scenario that judges guidance and has a path driver: ``trut
 rear axle from the planned line or arc of the segment that its driver is at, positive to the left, while it is
 beside it (between its ends); standing and spinning do not count. *Straights* and *turns* are segments here, not yaw
 rates: the end of a turn that is driven on the next straight is an error on that straight. ``truth.pass_to_pass.*`` is
-made of the reference point's offsets from the planned lines, and ``truth.coverage.*`` of what the implement covered (:mod:`twin.scoring.coverage`).
+made of the reference point's offsets from the planned lines, and ``truth.coverage.*`` of what the implement covered
+(:mod:`twin.scoring.coverage`).
 """
 
 from __future__ import annotations
