@@ -110,14 +110,7 @@ def machine_names(scenario: Scenario, truth: Sequence[str]) -> list[str]:
 
 
 def _phase_names(scenario: Scenario) -> list[str]:
-    transitions = ["_transitions"] if scenario.scoring.transition_s is not None else []
-    return [
-        "",
-        "_turns",
-        "_straights",
-        *transitions,
-        *(["_loss", "_after"] if scenario.loss_window_s is not None else []),
-    ]
+    return ["", "_turns", "_straights", *(["_loss", "_after"] if scenario.loss_window_s is not None else [])]
 
 
 def machine_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
