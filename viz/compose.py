@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.control import build_driver
-from twin.recording import Recording
+from twin.recording import TRUTH, Recording
 from twin.scenario import Scenario, loads
+from twin.scoring.coverage import coverage_of
 from twin.sensors.lidar import LidarConfig
 from twin.signals import NS_PER_S, FloatArray
 from twin.world.clearance import Outline
@@ -82,6 +83,8 @@ def scene_of(recording: Recording) -> Scene:
         bench=machine.fixed,
         antennas=_antennas(scenario),
         highest=highest_ground(terrain.heights, recording.ground) if recording.ground is not None else None,
+        coverage=coverage_of(recording.truth, scenario) if TRUTH in recording.streams else None,
+        guided_legs=tuple(scenario.planned_legs) if scenario.judges_guidance else (),
         segment_labels=driver.segment_names,
     )
 

@@ -153,6 +153,10 @@ def globe_track(sensor: str) -> str:
     return f"geo/{sensor}"
 
 
+COVERAGE_MAP = "coverage_map"
+"""Map of what the implement covered."""
+
+
 # --- pictures ---------------------------------------------------------------------------------------------------------
 
 PICTURES = "pictures"
@@ -287,6 +291,12 @@ SEED_LEGEND: tuple[tuple[str, Colour], ...] = (
     ("double", DOUBLE_COLOUR),
     ("behind a gap", GAP_COLOUR),
 )
+COVERAGE_LEGEND: tuple[tuple[str, Colour], ...] = (
+    ("skipped", (245, 245, 245)),
+    ("covered once", (30, 110, 90)),
+    ("overlapped", (240, 150, 20)),
+)
+"""By how many passes went over a cell: none, one, two or more."""
 LEVEL_NAMES = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.control.planned_legs import PlannedLeg
+from twin.scoring.coverage import Coverage
 from twin.signals import FloatArray
 from twin.world.blade_spec import BladeSpec
 from twin.world.levelling import LevellingConfig
@@ -71,6 +73,10 @@ class Scene:
     """(3,) from the reference frame to an antenna that moves with it, in its own axes, by the receiver's name."""
     highest: FloatArray | None = None
     """(ny, nx) the highest that the ground ever is, where soil is moved: on it, lines are drawn."""
+    coverage: Coverage | None = None
+    """What the implement covered of the area that counts, if there is one."""
+    guided_legs: tuple[PlannedLeg, ...] = ()
+    """Segments of the planned path, where guidance along it is judged."""
     segment_labels: tuple[str, ...] = ()
     """Name of segment ``i`` of the path at place ``i``; where it is short, the driver's events name segments."""
 

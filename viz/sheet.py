@@ -186,13 +186,18 @@ class Sheet:
         width: float = 1.5,
         name: str = "",
         within: tuple[float, float] = (-math.inf, math.inf),
+        broken: bool = False,
     ) -> None:
         """Draw one line of a plot, named after the entity's last part unless told; gaps (NaN) are left out.
 
-        What lies outside of ``within`` does not widen the plot's range.
+        The line goes straight over a gap, unless it is to be ``broken`` there. What lies outside of ``within`` does not
+        widen the plot's range.
         """
         known, name = np.isfinite(values), name or entities.legend_name(entity.rpartition("/")[2])
-        self.rows(entity, t_ns[known], rr.Scalars.columns(scalars=values[known]))
+        sent = known.copy()
+        if broken:
+            sent[1:] |= known[:-1]
+        self.rows(entity, t_ns[sent], rr.Scalars.columns(scalars=values[sent]))
         self.curve(entity, name, t_ns[known], np.clip(values[known], *within))
         if known.any():
             self.static(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[width]))

@@ -50,10 +50,27 @@ class Window:
             self.north_m + self.half_n_m,
         )
 
-    def inside(self, points: FloatArray, room: float) -> FloatArray:
-        """Points (T, 2) of which those beyond ``room`` half widths are NaN."""
-        far = np.abs(points - (self.east_m, self.north_m)) > (room * self.half_e_m, room * self.half_n_m)
+    def inside(self, points: FloatArray) -> FloatArray:
+        """Points (T, 2) of which those outside are NaN."""
+        far = np.abs(points - (self.east_m, self.north_m)) > (self.half_e_m, self.half_n_m)
         return np.where(far.any(axis=1, keepdims=True), math.nan, points)
+
+    def pieces(self, points: FloatArray) -> FloatArray:
+        """The parts within the window of the lines between neighbours of points (T, 2), as (N, 2, 2).
+
+        After Liang and Barsky (1984): along a line from 0 to 1, every edge it crosses bounds the part inside.
+        """
+        west, south, east, north = self.edges
+        start, way = points[:-1], np.diff(points, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_low, to_high = ((west, south) - start) / way, ((east, north) - start) / way
+        # What runs along an edge's direction is inside all the way, or never.
+        beside = (way == 0.0) & ((start < (west, south)) | (start > (east, north)))
+        first = np.where(way == 0.0, 0.0, np.minimum(to_low, to_high)).max(axis=1).clip(min=0.0)
+        last = np.where(way == 0.0, 1.0, np.maximum(to_low, to_high)).min(axis=1).clip(max=1.0)
+        kept = (first < last) & ~beside.any(axis=1)
+        ends = [start[kept] + way[kept] * share[kept, np.newaxis] for share in (first, last)]
+        return np.stack(ends, axis=1)
 
 
 def points_of(run: Run, stream: Stream) -> FloatArray | None:
@@ -115,10 +132,10 @@ _Found = tuple[tuple[float, float], float, str]
 
 
 def _largest_error(run: Run) -> _Found | None:
-    """Where an estimator (or the receiver, if there is none) is farthest from the reference."""
+    """Where the receiver (or an estimator, if there is none) is farthest from the reference."""
     with_errors = run.recording.names("errors")
     best: _Found | None = None
-    for name in [name for name in with_errors if name in run.estimators] or with_errors:
+    for name in [name for name in with_errors if name not in run.estimators] or with_errors:
         told = run.recording.streams[f"errors/{name}"]
         errors = run.columns(told, "error_m")
         stream = run.recording.streams.get(f"estimates/{name}", run.recording.streams.get(f"measurements/{name}"))

@@ -129,6 +129,18 @@ def fix(
 
 
 @dataclass(frozen=True, kw_only=True)
+class Solution:
+    """How a receiver solves from some time on, and what it reports."""
+
+    begin_s: float
+    quality: float
+    slow_m: float
+    slow_s: float
+    white_m: float
+    reported_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Passes:
     """R worlds in which a machine drives passes to and fro, turning in half circles between them."""
 
@@ -142,6 +154,8 @@ class Passes:
     stand_s: float = 5.0
     dt_s: float = 0.1
     gnss_every: int = 10
+    every_other: int = 1
+    """Steps between two samples of all other sensors; where there are more, they sample when a fix arrives."""
     weave_rad: float = 0.02
     kinds: Sequence[str] = ALL
     sheets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -152,8 +166,11 @@ class Passes:
     steering_offset_rad: float = 0.02
     steering_noise_rad: float = 0.01
     late_s: float = 0.0
-    quality: float = 1.0
-    reported_m: float = 2.5
+    solutions: Sequence[Solution] | None = None
+    """In order of time; without any, what the data sheet says of single positions."""
+    jump_s: float | None = None
+    jump_m: tuple[float, float] = (0.0, 0.0)
+    """Step of the receiver's error at that time."""
 
     def sheet(self, kind: str) -> dict[str, float]:
         return {**SHEET.get(kind, {}), **self.sheets.get(kind, {})}
@@ -163,7 +180,8 @@ class Passes:
             *self.kinds,
             runs=self.runs,
             start=(0.0, 0.0, self.heading),
-            rates=dict.fromkeys(self.kinds, 1.0 / self.dt_s) | {"gnss": 1.0 / (self.dt_s * self.gnss_every)},
+            rates=dict.fromkeys(self.kinds, 1.0 / (self.dt_s * self.every_other))
+            | {"gnss": 1.0 / (self.dt_s * self.gnss_every)},
             sheets=self.sheets,
         )
 
@@ -219,17 +237,37 @@ class Passes:
         return len(self.plan[0])
 
     @cached_property
+    def solved(self) -> list[Solution]:
+        """How the receiver solves, in order of time."""
+        if self.solutions is not None:
+            return list(self.solutions)
+        sheet = self.sheet("gnss")
+        slow, tau, white = (
+            sheet[f"single_position_{name}"] for name in ("correlated_sigma_m", "correlation_s", "white_sigma_m")
+        )
+        return [Solution(begin_s=0.0, quality=1.0, slow_m=slow, slow_s=tau, white_m=white, reported_m=2.5)]
+
+    @cached_property
     def gnss_error(self) -> FloatArray:
-        """(T, R, 2) correlated and white error of positions."""
-        sheet, rng = self.sheet("gnss"), np.random.default_rng([self.seed, 2])
-        sigma, tau = sheet["single_position_correlated_sigma_m"], sheet["single_position_correlation_s"]
-        keep = np.exp(-self.dt_s / tau)
+        """(T, R, 2) correlated and white error of positions; every solution has a slow error of its own."""
+        rng = np.random.default_rng([self.seed, 2])
         error = np.empty((self.steps, self.runs, 2))
-        now = sigma * rng.normal(size=(self.runs, 2))
-        for step in range(self.steps):
-            now = keep * now + sigma * np.sqrt(1.0 - keep * keep) * rng.normal(size=(self.runs, 2))
-            error[step] = now
-        return error + sheet["single_position_white_sigma_m"] * rng.normal(size=error.shape)
+        begins = [round(each.begin_s / self.dt_s) for each in self.solved]
+        for each, begin, end in zip(self.solved, begins, [*begins[1:], self.steps], strict=True):
+            keep = np.exp(-self.dt_s / each.slow_s)
+            now = each.slow_m * rng.normal(size=(self.runs, 2))
+            for step in range(begin, end):
+                now = keep * now + each.slow_m * np.sqrt(1.0 - keep * keep) * rng.normal(size=(self.runs, 2))
+                error[step] = now + each.white_m * rng.normal(size=(self.runs, 2))
+        if self.jump_s is not None:
+            error[round(self.jump_s / self.dt_s) :] += self.jump_m
+        return error
+
+    def told(self, name: str) -> FloatArray:
+        """(T, 1) what the receiver says of its solution."""
+        t_s = (np.arange(self.steps) + 1) * self.dt_s
+        index = np.searchsorted([each.begin_s for each in self.solved], t_s, side="right") - 1
+        return np.array([getattr(each, name) for each in self.solved])[index][:, np.newaxis]
 
     # --- what is measured --------------------------------------------------------------------------------------------
 
@@ -244,13 +282,16 @@ class Passes:
         position = np.stack(
             [east + ARM_M[0] * cosine - ARM_M[1] * sine, north + ARM_M[0] * sine + ARM_M[1] * cosine], axis=-1
         )
-        lsb = sheet["position_resolution_m"]
+        lsb = np.array(
+            [sheet.get(f"{axis}_resolution_m", sheet["position_resolution_m"]) for axis in ("east", "north")]
+        )
         position = np.round((position + self.gnss_error) / lsb) * lsb
         along, aside = speed - ARM_M[1] * rate, ARM_M[0] * rate
         velocity = np.stack([along * cosine - aside * sine, along * sine + aside * cosine], axis=-1)
         velocity = velocity + sheet["speed_noise_m_s"] * rng.normal(size=velocity.shape)
-        reported = np.full(shape, self.reported_m)
-        rest = [np.full(shape, each) for each in (self.quality, 9.0, 1.0, 1.7, np.nan)]
+        reported = np.broadcast_to(self.told("reported_m"), shape)
+        quality = np.broadcast_to(self.told("quality"), shape)
+        rest = [quality, *(np.full(shape, each) for each in (9.0, 1.0, 1.7, np.nan))]
         gnss = np.stack(
             [
                 position[..., 0],
@@ -300,8 +341,13 @@ class Passes:
                 if (step + 1 - late) % self.gnss_every == 0 and step >= late:
                     values = self._samples[kind][step - late, picked]
                     yield measure(kind, t_s - late * self.dt_s, values, late_s=late * self.dt_s)
-            else:
+            elif self.every_other == 1:
                 yield measure(kind, t_s, self._samples[kind][step, picked])
+            elif (step + 1 - round(self.late_s / self.dt_s)) % self.every_other == 0:
+                values = self._samples[kind][step, picked]
+                if kind == "yaw_gyro":
+                    values = self._samples[kind][max(0, step + 1 - self.every_other) : step + 1, picked].mean(axis=0)
+                yield measure(kind, t_s, values)
 
 
 def drive(world: Passes, estimator: Estimator, *, member: int | None = None, every: int = 1) -> tuple[FloatArray, ...]:

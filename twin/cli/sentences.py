@@ -47,10 +47,11 @@ def write_sentences(recording: Recording, scenario: Scenario, folder: Path) -> l
 
 def style_of(scenario: Scenario, name: str, config: GnssConfig) -> NmeaStyle:
     """The scenario's style of a receiver, or the usual one of its kind."""
-    usual = usual_style(
-        resolution_m=config.position_resolution_m, qualities=[state.quality for state in config.states.values()]
-    )
-    return scenario.nmea.get(name, usual)
+    if name in scenario.nmea:
+        return scenario.nmea[name]
+    steps = [step for step in config.resolution_m[:2] if step > 0.0]
+    qualities = [state.quality for state in config.states.values()]
+    return usual_style(resolution_m=min(steps, default=0.0), qualities=qualities)
 
 
 def _files(

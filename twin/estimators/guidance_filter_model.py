@@ -5,12 +5,14 @@ States, with u the told speed and r the told rate of turn:
     E, N       middle of the rear axle, m                    P' = (u (1 + k) + v) (cos psi, sin psi)
     PSI        heading, counter-clockwise from east, rad     psi' = r (1 + g) - b
     B          offset of r, a slow random walk; without a gyro r = 0 and -b is the rate of turn, which wanders
+               (and counts in proportion while it moves at less than a crawl: who stands does not turn)
     V          speed that the wheels do not tell (m/s): slip of the moment; without them it is the speed itself
     K          scale error of the told speed                 (where there is one)
     G          scale error of the told rate                  (where there is a gyro)
     S          offset of the told steering angle, rad        (where there is one)
     C, J       slow error of the receiver's position, east and north, and the part of it that steps (where it has one):
                Gauss-Markov processes
+    O          slow error of the kind of solution that was there before the one of now: it goes on unseen
     A          what C + J was at some moment: see :mod:`twin.estimators.guidance_filter_core`
 
 A receiver sees P + lever arm + C + J + white. While the wheels stand, nothing of the machine moves and r is b.
@@ -38,9 +40,12 @@ class Layout:
         self.steering = self._next(1) if steering else None
         self.slow = self._next(2)
         """East; north is the next."""
+        self.other = self._next(2)
         self.jump = self._next(2) if jumps else None
         self.anchor = self._next(2) if anchor else None
         self.has_rate, self.has_speed = rate, speed
+        self.errors = np.arange(self.slow, self.size)
+        """Places of all that is the receiver's."""
 
     def _next(self, count: int) -> int:
         place, self.size = self.size, self.size + count
@@ -69,6 +74,18 @@ class MotionNoise:
     """Walk of the position per root of a metre driven: wheels that do not roll where they point."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceiverNoise:
+    """Sigma (m) and correlation time (s) of the receiver's errors C, O and J; (R,) but for the last."""
+
+    slow_m: FloatArray
+    slow_s: FloatArray
+    other_m: FloatArray
+    other_s: FloatArray
+    jump_m: FloatArray
+    jump_s: float
+
+
 class SpanMotion:
     """Motion over one span of inputs (:class:`~twin.estimators.engines.Motion`)."""
 
@@ -78,15 +95,16 @@ class SpanMotion:
         noise: MotionNoise,
         span: Span,
         *,
-        slow: tuple[FloatArray, FloatArray],
-        jump: tuple[FloatArray, float],
+        receiver: ReceiverNoise,
+        turning: FloatArray,
     ) -> None:
-        """``slow``: sigma (R,) and correlation time (R,) of C; ``jump``: sigma (R,) and correlation time of J."""
-        self._layout, self._noise, self._span = layout, noise, span
-        self._slow, self._jump = slow, jump
+        """``turning``: (R,) share of the rate of turn that counts, 1 but for a machine without a gyro that stands."""
+        self._layout, self._noise, self._span, self._receiver = layout, noise, span, receiver
+        self._turning = np.where(span.standing, 0.0, turning)
         dt_s = span.dt_s
-        self._keep_slow = np.exp(-dt_s / slow[1])
-        self._keep_jump = np.exp(-dt_s / jump[1])
+        self._keep_slow = np.exp(-dt_s / receiver.slow_s)
+        self._keep_other = np.exp(-dt_s / receiver.other_s)
+        self._keep_jump = np.exp(-dt_s / receiver.jump_s)
         self._keep_rate = np.where(span.rate_known, 1.0, 1.0 if layout.has_rate else np.exp(-dt_s / noise.turn_s))
         self._keep_slip = np.where(span.speed_known, np.exp(-dt_s / noise.slip_s), 1.0)
 
@@ -96,7 +114,7 @@ class SpanMotion:
         moving = ~span.standing
         k = 0.0 if layout.scale is None else x[:, layout.scale]
         g = 0.0 if layout.gyro_scale is None else x[:, layout.gyro_scale]
-        turned = np.where(moving, dt_s * (span.rate * (1.0 + g) - x[:, B]), 0.0)
+        turned = self._turning * dt_s * (span.rate * (1.0 + g) - x[:, B])
         way = np.where(moving, dt_s * (span.speed * (1.0 + k) + x[:, V]), 0.0)
         half = 0.5 * turned
         chord = way * np.sinc(half / np.pi)
@@ -109,11 +127,11 @@ class SpanMotion:
         F[:, E, PSI], F[:, N, PSI] = -chord * sine, chord * cosine
         step = np.where(moving, dt_s, 0.0)
         self._with_speed(F, V, step * cosine, step * sine)
-        self._with_rate(F, B, -step)
+        self._with_rate(F, B, -dt_s * self._turning)
         if layout.scale is not None:
             self._with_speed(F, layout.scale, step * span.speed * cosine, step * span.speed * sine)
         if layout.gyro_scale is not None:
-            self._with_rate(F, layout.gyro_scale, step * span.rate)
+            self._with_rate(F, layout.gyro_scale, dt_s * self._turning * span.rate)
         for place, keep in self._decays():
             moved[:, place] *= keep
             F[:, place, place] = keep
@@ -138,10 +156,13 @@ class SpanMotion:
         Q[:, V, V] = np.where(span.speed_known, slip, noise.acceleration_m_s2_rthz**2 * dt_s)
         if layout.scale is not None:
             Q[:, layout.scale, layout.scale] = np.where(moving, noise.scale_rts**2 * dt_s, 0.0)
-        slow = np.square(self._slow[0]) * (1.0 - np.square(self._keep_slow))
-        jump = np.square(self._jump[0]) * (1.0 - self._keep_jump**2)
+        receiver = self._receiver
+        slow = np.square(receiver.slow_m) * (1.0 - np.square(self._keep_slow))
+        other = np.square(receiver.other_m) * (1.0 - np.square(self._keep_other))
+        jump = np.square(receiver.jump_m) * (1.0 - self._keep_jump**2)
         for axis in range(2):
             Q[:, layout.slow + axis, layout.slow + axis] = slow
+            Q[:, layout.other + axis, layout.other + axis] = other
             if layout.jump is not None:
                 Q[:, layout.jump + axis, layout.jump + axis] = jump
         return Q
@@ -150,7 +171,7 @@ class SpanMotion:
         layout = self._layout
         decays: list[tuple[int, FloatArray | float]] = [(B, self._keep_rate), (V, self._keep_slip)]
         for axis in range(2):
-            decays.append((layout.slow + axis, self._keep_slow))
+            decays += [(layout.slow + axis, self._keep_slow), (layout.other + axis, self._keep_other)]
             if layout.jump is not None:
                 decays.append((layout.jump + axis, self._keep_jump))
         return decays
@@ -204,8 +225,11 @@ class VelocitySeen:
 
     R: FloatArray = np.ones(2)
 
-    def __init__(self, layout: Layout, span: Span, *, forward_m: float, left_m: float, lag_s: float) -> None:
+    def __init__(
+        self, layout: Layout, span: Span, *, turning: FloatArray, forward_m: float, left_m: float, lag_s: float
+    ) -> None:
         self._layout, self._span = layout, span
+        self._turning = np.where(span.standing, 0.0, turning)
         self._forward_m, self._left_m, self._lag_s = forward_m, left_m, lag_s
 
     def _parts(self, x: FloatArray) -> tuple[FloatArray, ...]:
@@ -213,7 +237,7 @@ class VelocitySeen:
         k = 0.0 if layout.scale is None else x[:, layout.scale]
         g = 0.0 if layout.gyro_scale is None else x[:, layout.gyro_scale]
         moving = ~span.standing
-        rate = np.where(moving, span.rate * (1.0 + g) - x[:, B], 0.0)
+        rate = self._turning * (span.rate * (1.0 + g) - x[:, B])
         along = np.where(moving, span.speed * (1.0 + k) + x[:, V], 0.0) - self._left_m * rate
         aside = self._forward_m * rate
         direction = x[:, PSI] - self._lag_s * rate
@@ -234,7 +258,7 @@ class VelocitySeen:
         jacobian[:, 0, V], jacobian[:, 1, V] = moving * cosine, moving * sine
         if layout.scale is not None:
             jacobian[:, :, layout.scale] = jacobian[:, :, V] * span.speed[:, np.newaxis]
-        with_rate = moving[:, np.newaxis] * np.stack(
+        with_rate = self._turning[:, np.newaxis] * np.stack(
             [
                 -self._left_m * cosine - self._forward_m * sine + self._lag_s * north,
                 -self._left_m * sine + self._forward_m * cosine - self._lag_s * east,

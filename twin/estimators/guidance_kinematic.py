@@ -165,6 +165,7 @@ class GuidanceKinematic:
             track.change_model(np.where(used, self._switch.before(fix, track), track.curved))
         track.predict(fix.t_ns, used)
         surprise = track.update(fix.position, variances, used)
+        self._pose.hear(fix.of(SPEED), used)
         heading, _ = self._pose.turn(track.x[:, V_][:, :2], track.x[:, A_][:, :2], used)
         self._pose.keep(heading)
         self._tell(surprise, used)

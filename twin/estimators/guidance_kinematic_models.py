@@ -43,7 +43,11 @@ P_, V_, A_ = slice(0, 3), slice(3, 6), slice(6, 9)
 
 def on_axes(block: FloatArray, axes: int = AXES) -> FloatArray:
     """Matrices (..., n axes, n axes) of several axes that all have the matrix ``block`` (..., n, n)."""
-    return np.asarray(np.kron(block, np.eye(axes)), dtype=np.float64)
+    size = block.shape[-1] * axes
+    whole = np.zeros((*block.shape[:-2], size, size))
+    for axis in range(axes):
+        whole[..., axis::axes, axis::axes] = block
+    return whole
 
 
 def transition(dt_s: FloatArray, *, orders: int = 3) -> FloatArray:

@@ -1,10 +1,11 @@
 """From the antenna's position, velocity and acceleration to what guidance wants: where the machine is and heads.
 
-The machine drives forwards, so the course of its antenna tells the heading; while it is slow, the heading is held. An
-antenna f metres before the reference and l to the left moves at v_a = (v - omega l, omega f) in the machine's frame:
-it heads into the turn by the angle asin(omega f / |v_a|), and where the model knows an acceleration a, omega is
-(v x a) / |v|^2. A model without one takes the machine to go straight: 0.06 rad for an antenna 1.5 m before the axle
-on a radius of 25 m, 0.09 m at the axle.
+The machine drives forwards, so the course of its antenna tells the heading; while it is slow, by the filter's speed or
+the receiver's, the heading is held: where a machine brakes to a stop, a filter that takes accelerations to last goes
+backwards for a moment. An antenna f metres before the reference and l to the left moves at v_a = (v - omega l, omega f)
+in the machine's frame: it heads into the turn by the angle asin(omega f / |v_a|), and where the model knows an
+acceleration a, omega is (v x a) / |v|^2. A model without one takes the machine to go straight: 0.06 rad for an antenna
+1.5 m before the axle on a radius of 25 m, 0.09 m at the axle.
 
 An antenna a height above the ground that leans with the machine is not set upright here: nobody tells the roll.
 """
@@ -29,6 +30,7 @@ class AntennaPose:
         self._forward, self._left, self._up = arm
         self.heading: FloatArray = np.full(runs, float(heading_rad))
         """(R,) as it was last known."""
+        self._stands: BoolArray = np.zeros(runs, dtype=np.bool_)
 
     def turn(self, velocity: FloatArray, acceleration: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Heading and speed of the reference (R,), from east and north (R, 2) of the antenna's motion.
@@ -36,7 +38,7 @@ class AntennaPose:
         Where ``known`` (R,) is False, or the antenna is slow, the heading is the one last known.
         """
         along = np.hypot(velocity[:, 0], velocity[:, 1])
-        fast = known & (along >= SLOW_M_S)
+        fast = known & (along >= SLOW_M_S) & ~self._stands
         safe = np.where(fast, along, 1.0)
         turning = (velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]) / safe**2
         omega = np.where(fast, np.clip(turning, -_TIGHTEST_1_M * safe, _TIGHTEST_1_M * safe), 0.0)
@@ -46,6 +48,10 @@ class AntennaPose:
         speed: FloatArray = along * np.cos(inwards) + omega * self._left
         return heading, speed
 
+    def hear(self, speed: FloatArray, new: BoolArray) -> None:
+        """Take the speed (R,) that the receiver tells with a new fix; NaN where it tells none."""
+        self._stands = np.where(new, speed < SLOW_M_S, self._stands)
+
     def keep(self, heading: FloatArray) -> None:
         """Remember a heading (R,) at a fix."""
         self.heading = heading
@@ -53,10 +59,8 @@ class AntennaPose:
     def place(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:
         """Position (R, 3) of the reference under an antenna (R, 3)."""
         cosine, sine = np.cos(heading), np.sin(heading)
-        arm = [
-            cosine * self._forward - sine * self._left,
-            sine * self._forward + cosine * self._left,
-            np.full(len(heading), self._up),
-        ]
-        place: FloatArray = antenna - np.stack(arm, axis=-1)
+        place = np.array(antenna, dtype=np.float64)
+        place[:, 0] -= cosine * self._forward - sine * self._left
+        place[:, 1] -= sine * self._forward + cosine * self._left
+        place[:, 2] -= self._up
         return place

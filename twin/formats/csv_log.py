@@ -16,7 +16,7 @@ from twin.formats.csv_mapping import COLUMNS, CsvMapping, Table
 from twin.formats.csv_rows import Row, TableReader
 from twin.formats.geodetic import Origin
 from twin.formats.gnss_fixes import GNSS, HEAD_EPOCHS, Fix, measurements, origin_of, rate_hz, receiver_info
-from twin.formats.log_clock import LogClock, follows
+from twin.formats.log_clock import LogClock, Placed, follows
 from twin.signals import Measurement, Mount, SensorInfo
 
 _NEUTRAL_IMU = {
@@ -89,16 +89,17 @@ class CsvLog:
         return measurements(self._items(reader), self.origin)
 
     def _items(self, reader: TableReader) -> Iterator[Fix | Measurement]:
-        clock = LogClock(self.problems)
-        clock.place_absolute(self._first_ns)
+        clock: LogClock[Row] = LogClock(self.problems, begin_ns=self._first_ns)
         for row in reader.rows(self.problems):
-            t_ns = clock.place_absolute(row.t_ns)
-            if t_ns is None:
-                continue
-            if reader.table.kind == GNSS:
-                yield _fix(reader.table, row, t_ns, clock.latest_ns)
-            else:
-                yield _measurement(reader.table, row, t_ns, clock.latest_ns)
+            for placed in clock.put_absolute(row, row.t_ns):
+                yield _sample(reader.table, placed)
+        for placed in clock.finish():
+            yield _sample(reader.table, placed)
+
+
+def _sample(table: Table, placed: Placed[Row]) -> Fix | Measurement:
+    sample = _fix if table.kind == GNSS else _measurement
+    return sample(table, placed.item, placed.t_ns, placed.t_available_ns)
 
 
 def _file(path: Path, table: Table) -> Path:

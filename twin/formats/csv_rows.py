@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 from twin.errors import BadInputError
 from twin.formats.csv_mapping import VARIANCE, Source, Table, TimeColumn, units_of
+from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
 from twin.formats.lines import lines_of, require_file
 from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
-from twin.formats.rtklib_pos import UNIX_OF_GPS_S, leap_seconds
 from twin.signals import NS_PER_S
 
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}

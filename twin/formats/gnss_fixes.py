@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.formats.geodetic import Origin
+from twin.formats.log_clock import Placed
 from twin.geometry import wrap_angle
 from twin.signals import NS_PER_S, POSITION, FloatArray, Measurement, Mount, SensorInfo
 
@@ -66,6 +67,11 @@ class Fix(NamedTuple):
     def placed(self) -> bool:
         """Whether it has a position that may lie near an origin."""
         return _LATITUDES[0] <= self.latitude_deg <= _LATITUDES[1] and not math.isnan(self.longitude_deg)
+
+
+def at(placed: Placed[Fix]) -> Fix:
+    """A fix, put in time."""
+    return placed.item._replace(t_ns=placed.t_ns, t_available_ns=placed.t_available_ns)
 
 
 _PLACE = Fix._fields.index("latitude_deg")
@@ -128,16 +134,34 @@ def _first(values: Sequence[float], limits: tuple[float, float]) -> float:
     return min(max(known, limits[0]), limits[1])
 
 
-_SHEETS = {
-    4: {"position_noise_m": 0.015, "height_noise_m": 0.03},
-    5: {"position_noise_m": 0.2, "height_noise_m": 0.4},
-    2: {"position_noise_m": 0.5, "height_noise_m": 0.95},
-    1: {"position_noise_m": 1.5, "height_noise_m": 2.9},
+_REPORTED_M = {4: (0.01, 0.02), 5: (0.2, 0.4), 2: (0.5, 0.95), 1: (1.5, 2.9)}
+"""Horizontal and vertical noise of a neutral receiver by the best quality it has: an F9P's own word for RTK fixed, the
+measured error of its float solution (whose own word is a hundredth of it), a choice for differential, and a NEO-M8U's
+own word for single point."""
+_HORIZONTAL = {
+    4: ("", 0.0046, 245.0, 0.0008),
+    5: ("float_", 0.16, 100.0, 0.03),
+    2: ("differential_", 0.4, 100.0, 0.05),
+    1: ("single_", 0.8, 160.0, 0.02),
 }
-"""A neutral receiver's figures by quality: RTK after seconds of age (lefebure.com), float and vertical over horizontal
-as an F9P measured, differential a choice as in the receivers' presets, single point as a NEO-M8U reports itself."""
+"""Name, what wanders (m), how long it lasts (s), what is always new (m): an F9P standing 2490 s, its float solution, a
+choice as in the receivers' presets, a NEO-M8U on a standing tractor."""
 _VELOCITY = {"speed_noise_m_s": 0.05, "speed_noise_ratio": 0.03, "velocity_lag_s": 0.0, "latency_s": 0.0}
 """A choice: Doppler speed of any receiver, digits included, and direction within 1.6 degrees."""
+
+
+def neutral_sheet(best: int) -> dict[str, float]:
+    """Data sheet of a receiver nobody knows, by the best quality it has, with the names of simulated receivers'."""
+    horizontal, vertical = _REPORTED_M[best]
+    sheet = {"position_noise_m": horizontal, "height_noise_m": vertical, **_VELOCITY}
+    for quality, (name, correlated, correlation, white) in _HORIZONTAL.items():
+        for prefix in {name, ""} if quality == best else {name} - {""}:
+            sheet |= {
+                f"{prefix}position_correlated_sigma_m": correlated,
+                f"{prefix}position_correlation_s": correlation,
+                f"{prefix}position_white_sigma_m": white,
+            }
+    return sheet
 
 
 def receiver_info(head: Sequence[Fix]) -> SensorInfo:
@@ -147,14 +171,14 @@ def receiver_info(head: Sequence[Fix]) -> SensorInfo:
     antenna's place: both are zero.
     """
     qualities = {fix.quality for fix in head}
-    best = next((quality for quality in _SHEETS if quality in qualities), 1)
+    best = next((quality for quality in _REPORTED_M if quality in qualities), 1)
     return SensorInfo(
         name=GNSS,
         kind=GNSS,
         columns=COLUMNS,
         mount=UNKNOWN_MOUNT,
         rate_hz=rate_hz([fix.t_ns for fix in head]),
-        datasheet=_SHEETS[best] | _VELOCITY,
+        datasheet=neutral_sheet(best),
     )
 
 

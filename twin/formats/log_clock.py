@@ -1,99 +1,137 @@
 """Puts the epochs of a log in time: over midnight, with and without dates, and past clocks that jump.
 
 A receiver says the time of day in every epoch and the date only in some. The day is the one that brings an epoch
-nearest to the latest; a date counts where that is not near, and it dates the log. An epoch up to ``LATEST_NS`` before
-the latest is a late one and keeps its time. Gaps up to ``LONGEST_GAP_NS`` stay. Whatever jumps farther, back or ahead,
-is passed over, unless the epochs that follow agree with it: then the receiver's clock has been set, or two logs have
-been joined, and the log's time goes on one second after the latest.
+nearest to the latest; a date counts where that is not near, and it dates the log.
+
+An epoch within ``NEAR_NS`` of the latest is in order, or late, and keeps its time. One farther off waits for what comes
+next. If the log goes on as if nothing had been, it is passed over. If the next one goes on from it, there was a gap
+(up to ``LONGEST_GAP_NS`` ahead), which stays. Beyond that, and back, three have to agree: then the receiver's clock has
+been set, or two logs have been joined, and the log's time goes on one second after the latest.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from typing import Generic, NamedTuple, TypeVar
 
 from twin.signals import NS_PER_S
 
 DAY_NS = 86_400 * NS_PER_S
-LATEST_NS = 10 * NS_PER_S
+NEAR_NS = 10 * NS_PER_S
 LONGEST_GAP_NS = 7_200 * NS_PER_S
 JUMP = "time jumps"
 RESTART = "clock set anew"
-_AGREEING = 3
-"""So many epochs have to agree on a new time."""
+_AGREE_ON_A_GAP, _AGREE_ON_A_JUMP = 2, 3
+
+Item = TypeVar("Item")
+
+
+class Placed(NamedTuple, Generic[Item]):
+    """Something of a log, put in time."""
+
+    item: Item
+    t_ns: int
+    """Since the log's first epoch."""
+    t_available_ns: int
+    """When it arrived: with the latest until then."""
 
 
 def follows(step_ns: int) -> bool:
-    """Whether an epoch may come so long after the latest."""
-    return -LATEST_NS <= step_ns <= LONGEST_GAP_NS
+    """Whether something may come so long after something else."""
+    return -NEAR_NS <= step_ns <= LONGEST_GAP_NS
 
 
-class LogClock:
-    """The clock of one log; problems are counted in ``problems``."""
+def _nearest(time_of_day_ns: int, to_ns: int) -> int:
+    """The time with this time of day that is nearest to another."""
+    return to_ns + (time_of_day_ns - to_ns + DAY_NS // 2) % DAY_NS - DAY_NS // 2
 
-    def __init__(self, problems: Counter[str]) -> None:
+
+class LogClock(Generic[Item]):
+    """The clock of one log.
+
+    Args:
+        problems: where epochs that are passed over are counted.
+        begin_ns: time zero on the log's own clock; that of the first epoch if None.
+    """
+
+    def __init__(self, problems: Counter[str], *, begin_ns: int | None = None) -> None:
         self._problems = problems
-        self._latest: int | None = None
-        self._first = 0
-        """Of the first epoch, on the receiver's clock; moves where that is set anew."""
-        self._jumped: int | None = None
-        self._agreeing = 0
+        self._latest = begin_ns
+        self._zero = begin_ns or 0
+        """Time zero on the receiver's clock; moves where that is set anew."""
+        self._waiting: list[tuple[Item, int]] = []
         self._shift: int | None = None
-        """From the days counted before the first date to those since 1970, ns; None without a date."""
-        self.latest_ns = 0
-        """The latest epoch, ns since the first."""
-        self.start_utc_ns: int | None = None
+        """From the receiver's clock to the time since 1970, ns; None without a date."""
+
+    @property
+    def start_utc_ns(self) -> int | None:
         """Time zero, ns since 1970; None while no date is known. A clock that is set anew moves it: what a receiver
         says before it has found the time dates nothing."""
+        return None if self._shift is None else self._zero + self._shift
 
-    def place(self, time_of_day_ns: int, day: int | None) -> int | None:
-        """Time of an epoch, ns since the first; None if it is passed over.
+    def put(self, item: Item, time_of_day_ns: int, day: int | None) -> list[Placed[Item]]:
+        """Take an epoch; return what is known now to be in time, in order of arrival.
 
         Args:
+            item: what to put in time.
             time_of_day_ns: since midnight, UTC.
             day: its date, days since 1970, where it is told.
         """
         if self._latest is None:
-            return self.place_absolute((day or 0) * DAY_NS + time_of_day_ns, dated=day is not None)
-        near = self._nearest(time_of_day_ns)
+            return self.put_absolute(item, (day or 0) * DAY_NS + time_of_day_ns, dated=day is not None)
+        near = _nearest(time_of_day_ns, self._latest)
+        if self._waiting and abs(near - self._latest) > NEAR_NS:
+            near = _nearest(time_of_day_ns, self._waiting[-1][1])
         if day is None:
-            return self.place_absolute(near, dated=False)
+            return self.put_absolute(item, near, dated=False)
+        utc_ns = day * DAY_NS + time_of_day_ns
         if self._shift is None:
-            self._shift = day * DAY_NS + time_of_day_ns - near
-            self.start_utc_ns = self._first + self._shift
-        if abs(near - self._latest) <= LATEST_NS:
-            return self.place_absolute(near, dated=False)
-        return self.place_absolute(day * DAY_NS + time_of_day_ns - self._shift, dated=False)
+            self._shift = utc_ns - near
+        return self.put_absolute(item, near if abs(near - self._latest) <= NEAR_NS else utc_ns - self._shift)
 
-    def _nearest(self, time_of_day_ns: int) -> int:
-        assert self._latest is not None
-        return self._latest + (time_of_day_ns - self._latest + DAY_NS // 2) % DAY_NS - DAY_NS // 2
-
-    def place_absolute(self, clock_ns: int, *, dated: bool = True) -> int | None:
-        """The same for a clock that tells days and time at once; ``dated`` if it counts from 1970 (UTC)."""
+    def put_absolute(self, item: Item, clock_ns: int, *, dated: bool = True) -> list[Placed[Item]]:
+        """The same with a clock that tells days and time at once; ``dated`` if it counts from 1970 (UTC)."""
+        if dated and self._shift is None:
+            self._shift = 0
         if self._latest is None:
-            self._latest = self._first = clock_ns
-            if dated:
-                self._shift = 0
-                self.start_utc_ns = clock_ns
-            return 0
-        if not follows(clock_ns - self._latest) and not self._set_anew(clock_ns):
-            return None
-        self._jumped = None
-        self._latest = max(self._latest, clock_ns)
-        self.latest_ns = self._latest - self._first
-        return clock_ns - self._first
-
-    def _set_anew(self, clock_ns: int) -> bool:
-        """Whether so many epochs have jumped to the same time that the log goes on there."""
-        agrees = self._jumped is not None and follows(clock_ns - self._jumped)
-        self._agreeing = self._agreeing + 1 if agrees else 1
-        self._jumped = clock_ns
-        if self._agreeing < _AGREEING:
-            self._problems[JUMP] += 1
-            return False
+            self._latest = self._zero = clock_ns
+        if abs(clock_ns - self._latest) <= NEAR_NS:
+            self._pass_over()
+            return [self._place(item, clock_ns)]
+        if self._waiting and not follows(clock_ns - self._waiting[-1][1]):
+            self._pass_over()
+        self._waiting.append((item, clock_ns))
+        if self._is_gap():
+            return self._go_on() if len(self._waiting) >= _AGREE_ON_A_GAP else []
+        if len(self._waiting) < _AGREE_ON_A_JUMP:
+            return []
         self._problems[RESTART] += 1
-        self._first = clock_ns - self.latest_ns - NS_PER_S
-        self._latest = clock_ns
-        if self._shift is not None:
-            self.start_utc_ns = self._first + self._shift
-        return True
+        first = self._waiting[0][1]
+        self._zero += first - self._latest - NS_PER_S
+        self._latest = first
+        return self._go_on()
+
+    def finish(self) -> list[Placed[Item]]:
+        """The log has ended: return what lies behind a last gap."""
+        if self._waiting and self._is_gap():
+            return self._go_on()
+        self._pass_over()
+        return []
+
+    def _is_gap(self) -> bool:
+        assert self._latest is not None
+        return NEAR_NS < self._waiting[0][1] - self._latest <= LONGEST_GAP_NS
+
+    def _go_on(self) -> list[Placed[Item]]:
+        waiting, self._waiting = self._waiting, []
+        return [self._place(item, clock_ns) for item, clock_ns in waiting]
+
+    def _pass_over(self) -> None:
+        if self._waiting:
+            self._problems[JUMP] += len(self._waiting)
+            self._waiting = []
+
+    def _place(self, item: Item, clock_ns: int) -> Placed[Item]:
+        assert self._latest is not None
+        self._latest = max(self._latest, clock_ns)
+        return Placed(item, clock_ns - self._zero, self._latest - self._zero)

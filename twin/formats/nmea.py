@@ -73,7 +73,9 @@ def number(field: bytes, low: float, high: float) -> float:
         value = float(field)
     except ValueError:
         raise BadSentenceError(NOT_A_NUMBER) from None
-    if not low <= value <= high or b"_" in field:
+    if b"_" in field:  # which Python allows
+        raise BadSentenceError(NOT_A_NUMBER)
+    if not low <= value <= high:
         raise BadSentenceError(OUT_OF_RANGE)
     return value
 

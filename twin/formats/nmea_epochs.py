@@ -1,8 +1,8 @@
 """Brings the sentences of one epoch together, in whatever order a receiver sends them and whichever it leaves out.
 
-Sentences with a time belong to their time. Those without (VTG, GSA) belong to the epoch they follow; only where a log
-begins with one, the receiver sends them first, and they belong to the epoch they precede. A second sentence of a type
-within an epoch is passed over (but GSA, which comes once for each constellation).
+Sentences with a time belong to their time. Those without (VTG, GSA) belong to the epoch they follow; only types that
+a log has before its first sentence with a time are sent ahead, and belong to the epoch they precede. A second sentence
+of a type within an epoch is passed over (but GSA, which comes once for each constellation).
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from twin.formats.nmea import MISSING, BadSentenceError, fields_of, time_of_day_ns
-from twin.formats.nmea_sentences import TIMED, UNTIMED, Epoch
+from twin.formats.nmea_epoch import Epoch
+from twin.formats.nmea_sentences import TIMED, UNTIMED
 from twin.formats.panda import AGOPENGPS, read_panda
 
 NOT_NMEA = "not NMEA"
@@ -26,9 +27,10 @@ class EpochGroups:
         self._problems = problems
         self._epoch: Epoch | None = None
         self._begun = False
-        self._leading = False
+        self._ahead: set[bytes] = set()
+        """Untimed types that are sent ahead of their epoch."""
         self._waiting: dict[bytes, Sequence[bytes]] = {}
-        """Untimed sentences, by type, that belong to the next one with a time."""
+        """Those of them that have come, by type, for the next sentence with a time."""
 
     def take(self, text: bytes) -> Epoch | None:
         """Take what follows a ``$``; return the epoch before, if this begins another.
@@ -82,8 +84,8 @@ class EpochGroups:
 
     def _take_untimed(self, kind: bytes, fields: Sequence[bytes]) -> None:
         if not self._begun:
-            self._leading = True
-        if self._leading:
+            self._ahead.add(kind)
+        if kind in self._ahead:
             self._waiting.setdefault(kind, fields)
         elif self._epoch is not None:
             if kind in self._epoch.seen and kind != b"GSA":

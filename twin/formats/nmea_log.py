@@ -21,9 +21,9 @@ from twin.formats.gnss_fixes import (
     receiver_info,
 )
 from twin.formats.lines import lines_of
-from twin.formats.log_clock import LogClock
+from twin.formats.log_clock import LogClock, Placed
+from twin.formats.nmea_epoch import Epoch
 from twin.formats.nmea_epochs import epochs
-from twin.formats.nmea_sentences import Epoch
 from twin.signals import HEADING, YAW_RATE, Measurement, SensorInfo
 
 AHRS, YAW_GYRO = "ahrs", "yaw_gyro"
@@ -37,7 +37,8 @@ AHRS_COLUMNS = (
 )
 """Those of :class:`twin.sensors.ahrs.Ahrs`; a board's sentences have no accelerations."""
 
-Placed = tuple[Fix, tuple[float, float, float, float] | None]
+Attitude = tuple[float, float, float, float]
+Spoken = tuple[Fix, Attitude | None]
 
 
 class NmeaLog:
@@ -62,11 +63,11 @@ class NmeaLog:
         self.start_utc_ns = clock.start_utc_ns
         self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in _infos(head)}
 
-    def _look(self) -> tuple[list[Placed], LogClock]:
+    def _look(self) -> tuple[list[Spoken], LogClock[Epoch]]:
         """The head of the log from its first position on, and the clock it has set."""
         unused: Counter[str] = Counter()
-        clock = LogClock(unused)
-        head: list[Placed] = []
+        clock: LogClock[Epoch] = LogClock(unused)
+        head: list[Spoken] = []
         for item in _placed(epochs(lines_of(self.path, unused), unused), clock):
             if head or item[0].placed:
                 head.append(item)
@@ -79,27 +80,28 @@ class NmeaLog:
 
     def measurements(self) -> Iterator[Measurement]:
         """Measurements in order of arrival; once."""
-        clock = LogClock(self.problems)
-        return measurements(self._items(clock), self.origin)
+        return measurements(self._items(LogClock(self.problems)), self.origin)
 
-    def _items(self, clock: LogClock) -> Iterator[Fix | Measurement]:
+    def _items(self, clock: LogClock[Epoch]) -> Iterator[Fix | Measurement]:
         for fix, attitude in _placed(epochs(lines_of(self.path, self.problems), self.problems), clock):
             yield fix
             if attitude is not None and AHRS in self.sensors:
                 yield from _imu(fix, attitude)
 
 
-def _placed(found: Iterator[Epoch], clock: LogClock) -> Iterator[Placed]:
+def _placed(found: Iterator[Epoch], clock: LogClock[Epoch]) -> Iterator[Spoken]:
     for epoch in found:
-        t_ns = clock.place(epoch.time_of_day_ns, epoch.day)
-        if t_ns is not None:
-            yield _fix(epoch, t_ns, clock.latest_ns), epoch.attitude
+        for placed in clock.put(epoch, epoch.time_of_day_ns, epoch.day):
+            yield _fix(placed), placed.item.attitude
+    for placed in clock.finish():
+        yield _fix(placed), placed.item.attitude
 
 
-def _fix(epoch: Epoch, t_ns: int, t_available_ns: int) -> Fix:
+def _fix(placed: Placed[Epoch]) -> Fix:
+    epoch = placed.item
     return Fix(
-        t_ns,
-        t_available_ns,
+        placed.t_ns,
+        placed.t_available_ns,
         epoch.latitude_deg,
         epoch.longitude_deg,
         epoch.height_m,
@@ -117,7 +119,7 @@ def _fix(epoch: Epoch, t_ns: int, t_available_ns: int) -> Fix:
     )
 
 
-def _imu(fix: Fix, attitude: tuple[float, float, float, float]) -> Iterator[Measurement]:
+def _imu(fix: Fix, attitude: Attitude) -> Iterator[Measurement]:
     roll, pitch, heading, yaw_rate = attitude
     told = {AHRS: (AHRS_COLUMNS, [roll, pitch, heading, *[math.nan] * 3]), YAW_GYRO: ((YAW_RATE,), [yaw_rate])}
     for sensor, (columns, values) in told.items():
@@ -131,7 +133,7 @@ def _imu(fix: Fix, attitude: tuple[float, float, float, float]) -> Iterator[Meas
         )
 
 
-def _infos(head: list[Placed]) -> Iterator[SensorInfo]:
+def _infos(head: list[Spoken]) -> Iterator[SensorInfo]:
     yield receiver_info([fix for fix, _ in head])
     rate = rate_hz([fix.t_ns for fix, attitude in head if attitude is not None])
     if any(attitude is not None for _, attitude in head):

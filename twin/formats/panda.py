@@ -22,7 +22,7 @@ from collections.abc import Sequence
 
 from twin.formats.geodetic import heading_rad
 from twin.formats.nmea import KNOT_M_S, MISSING, NOT_A_NUMBER, BadSentenceError, number
-from twin.formats.nmea_sentences import Epoch, fix_of, height_above_ellipsoid
+from twin.formats.nmea_epoch import Epoch, fix_of, take_height
 
 PANDA, PAOGI = b"PANDA", b"PAOGI"
 AGOPENGPS = frozenset({PANDA, PAOGI})
@@ -43,7 +43,7 @@ def read_panda(epoch: Epoch, fields: Sequence[bytes]) -> None:
     speed = number(fields[11], -2_000.0, 2_000.0) * KNOT_M_S
     attitude = _tenths(fields) if fields[0] == PANDA else _plain(fields)
     if fix_of(epoch, fields) and epoch.quality:
-        height_above_ellipsoid(epoch, height, math.nan)
+        take_height(epoch, height, math.nan)
         epoch.age_s = age
         if not epoch.speed_by:
             epoch.speed_by, epoch.speed_m_s = 1, speed

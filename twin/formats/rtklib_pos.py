@@ -13,7 +13,6 @@ Source: RTKLIB manual, version 2.4.2, appendix B.1.
 
 from __future__ import annotations
 
-import bisect
 import datetime as dt
 import math
 from collections import Counter
@@ -24,7 +23,8 @@ import pymap3d
 
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, measurements, origin_of, receiver_info
+from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, at, measurements, origin_of, receiver_info
+from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock
 from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
@@ -32,16 +32,7 @@ from twin.signals import NS_PER_S, Measurement, SensorInfo
 
 NO_HEADER = "no header"
 QUALITIES = {0: 0, 1: 4, 2: 5, 3: 2, 4: 2, 5: 1, 6: 3, 7: 6}
-UNIX_OF_GPS_S = 315_964_800
-"""6 January 1980."""
 _WEEK_S = 604_800
-_LEAP_DAYS = (
-    "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01",
-    "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01",
-    "2015-07-01", "2017-01-01",
-)  # fmt: skip
-"""Days before which a leap second was put in (IERS Bulletin C)."""
-_LEAPS_S = [int(dt.datetime.fromisoformat(f"{day}T00:00:00+00:00").timestamp()) for day in _LEAP_DAYS]
 _PLACES = {
     ("latitude(deg)", "longitude(deg)", "height(m)"): (3, "degrees"),
     ("latitude(d'\")", "longitude(d'\")", "height(m)"): (7, "sexagesimal"),
@@ -51,12 +42,6 @@ _PLACES = {
 _REST = ("q", "ns", "sdn(m)", "sde(m)", "sdu(m)", "age(s)", "vn(m/s)", "ve(m/s)")
 
 Place = tuple[float, float, float]
-
-
-def leap_seconds(gps_unix_s: float) -> int:
-    """By how many seconds GPS time is ahead of UTC, at a time counted in GPS time since 1970."""
-    leaps = [leap + index + 1 for index, leap in enumerate(_LEAPS_S)]
-    return bisect.bisect_right(leaps, gps_unix_s)
 
 
 def _names(header: str) -> list[str]:
@@ -166,7 +151,7 @@ class _Row:
         if quality is None:
             raise BadSentenceError(OUT_OF_RANGE)
         north, east = self._told("vn(m/s)", -1e3, 1e3), self._told("ve(m/s)", -1e3, 1e3)
-        self._fix = Fix(
+        self.fix = Fix(
             0,
             0,
             *(place if quality else (math.nan, math.nan, math.nan)),
@@ -190,10 +175,6 @@ class _Row:
             raise BadSentenceError(OUT_OF_RANGE)
         return value
 
-    def fix(self, t_ns: int, t_available_ns: int) -> Fix:
-        """The epoch, put in time."""
-        return self._fix._replace(t_ns=t_ns, t_available_ns=t_available_ns)
-
 
 class RtklibLog:
     """A solution of RTKLIB; see :class:`twin.formats.log.Log`. Its one sensor is ``gnss``.
@@ -213,7 +194,7 @@ class RtklibLog:
         self.path = path
         self.problems: Counter[str] = Counter()
         unused: Counter[str] = Counter()
-        clock = LogClock(unused)
+        clock: LogClock[Fix] = LogClock(unused)
         head: list[Fix] = []
         for fix in self._fixes(clock, unused):
             if head or fix.placed:
@@ -232,7 +213,7 @@ class RtklibLog:
         """Measurements in order of arrival; once."""
         return measurements(self._fixes(LogClock(self.problems), self.problems), self.origin)
 
-    def _fixes(self, clock: LogClock, problems: Counter[str]) -> Iterator[Fix]:
+    def _fixes(self, clock: LogClock[Fix], problems: Counter[str]) -> Iterator[Fix]:
         layout: _Layout | None = None
         for line in lines_of(self.path, problems):
             try:
@@ -243,9 +224,10 @@ class RtklibLog:
             except BadSentenceError as error:
                 problems[error.kind] += 1
                 continue
-            t_ns = clock.place_absolute(row.utc_ns)
-            if t_ns is not None:
-                yield row.fix(t_ns, clock.latest_ns)
+            for placed in clock.put_absolute(row.fix, row.utc_ns):
+                yield at(placed)
+        for placed in clock.finish():
+            yield at(placed)
 
 
 def _row(line: bytes, layout: _Layout | None) -> _Row:

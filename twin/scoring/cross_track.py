@@ -50,9 +50,7 @@ class CrossTrack:
         self, track: DrivenTrack, estimate: Stream, compared: Compared, masks: Mapping[str, BoolArray]
     ) -> list[CrossTrackErrors]:
         """Take the next piece, ``masks`` telling the phases of its times; give what is known by now."""
-        rows = as_rows(compared.at_estimate)
-        points = estimate.select((EAST, NORTH))[rows]
-        self._waiting.append((compared.t_ns, points, _covariances(estimate)[rows], masks))
+        self._waiting.append((compared.t_ns, *_claims(estimate, compared), masks))
         return self._known(track)
 
     def finish(self, track: DrivenTrack) -> list[CrossTrackErrors]:
@@ -77,6 +75,17 @@ class CrossTrack:
                 break
             self._waiting.pop(0)
         return known
+
+
+def cross_track_errors(track: DrivenTrack, estimate: Stream, compared: Compared) -> CrossTrackErrors:
+    """Errors of an estimate at the times that it shares with the truth, by the whole track."""
+    return _errors(track, compared.t_ns, *_claims(estimate, compared), {})
+
+
+def _claims(estimate: Stream, compared: Compared) -> tuple[FloatArray, FloatArray]:
+    """Positions (T, R, 2) and their covariances (T, R, 3) at the times that are compared."""
+    rows = as_rows(compared.at_estimate)
+    return estimate.select((EAST, NORTH))[rows], _covariances(estimate)[rows]
 
 
 def _errors(

@@ -31,6 +31,8 @@ from twin.scoring.steps import Steps
 from twin.signals import POSITION, SPEED, BoolArray, FloatArray, nanoseconds
 
 SEGMENT = "segment"
+HEADLINES = ("pass_to_pass.rms_m", "pass_to_pass.p95_m", "coverage.overlap_percent", "coverage.skip_percent")
+"""What tables show of an estimator, or of the machine, beside the figures of its families."""
 _PLANE = POSITION[:2]
 _FAMILY = family_named("cross_track")
 

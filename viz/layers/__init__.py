@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from viz.layers.coverage_map import draw_coverage_map
 from viz.layers.dial import draw_dial
 from viz.layers.estimates import draw_estimates
 from viz.layers.field_and_wheels import draw_field_strength, draw_wheel_speeds
 from viz.layers.field_maps import draw_field_maps
 from viz.layers.ground import draw_ground
+from viz.layers.guidance import draw_cross_track_plot
 from viz.layers.heights import draw_height_plots
 from viz.layers.lane import draw_lane_plot
 from viz.layers.load import draw_load
@@ -37,6 +39,8 @@ LAYERS: tuple[Layer, ...] = (
     draw_dial,
     draw_seeds,
     draw_field_maps,
+    draw_coverage_map,
+    draw_cross_track_plot,
     draw_height_plots,
     draw_row_speed_plots,
     draw_motion_plots,

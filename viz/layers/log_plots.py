@@ -16,8 +16,8 @@ from viz.sheet import PanelKind, Run, Sheet
 
 _SURPRISE_MOST = 6.0
 """To which the plot of surprise reaches at first: five times what is unlikely is off the plot, not squeezing it."""
-_BEYOND = 1.5
-"""Sigmas widen a plot of errors no farther than so many times the largest error."""
+_LOST = 6.0
+"""Errors widen their plot to no more than so many times those of whoever is wrong least."""
 _LIMIT = "95 % if consistent"
 _DEGREES = math.degrees(1.0)
 _PLOTTED = 0.998
@@ -35,28 +35,24 @@ def draw_log_plots(run: Run, sheet: Sheet) -> None:
 
 
 def _draw_errors(run: Run, sheet: Sheet) -> None:
-    """Horizontal distance from the reference, and root of the sum of the claimed variances."""
+    """Horizontal distance from the reference, and, darker, the root of the sum of the claimed variances."""
     panel = "reference_error"
-    for name in run.recording.names("errors"):
-        stream = run.recording.streams[f"errors/{name}"]
-        found = run.columns(stream, "error_m", "sigma_m")
-        if found is None or not np.isfinite(found[:, 0]).any():
-            continue
-        colour = run.colours.get(name, entities.MEASURED_COLOUR)
-        entity = entities.plot(panel, name)
-        most = _reach(found[:, 0])
-        sheet.line(entity, stream.t_ns, found[:, 0], colour, within=(0.0, most))
-        label = f"{entities.legend_name(name)} σ"
-        sheet.line(
-            entities.band(entity),
-            stream.t_ns,
-            found[:, 1],
-            entities.dimmed(colour),
-            name=label,
-            width=1.0,
-            within=(0.0, _BEYOND * most),
+    shown = {name: run.recording.streams[f"errors/{name}"] for name in run.recording.names("errors")}
+    found = {name: run.columns(stream, "error_m", "sigma_m") for name, stream in shown.items()}
+    told = {name: each for name, each in found.items() if each is not None and np.isfinite(each[:, 0]).any()}
+    reaches = [_reach(each[:, 0]) for each in told.values()]
+    # A filter that is lost must not squeeze the others into a line.
+    most = min(max(reaches, default=0.0), _LOST * min(reaches, default=0.0))
+    for name, each in told.items():
+        t_ns, colour, entity = (
+            shown[name].t_ns,
+            run.colours.get(name, entities.MEASURED_COLOUR),
+            entities.plot(panel, name),
         )
-    sheet.panel(PanelKind.PLOT, entities.plot(panel), "Distance from reference, and claimed σ [m]")
+        label, dim = entities.legend_name(name), entities.dimmed(colour)
+        sheet.line(entities.band(entity), t_ns, each[:, 1], dim, name=label, width=0.8, within=(0.0, most))
+        sheet.line(entity, t_ns, each[:, 0], colour, within=(0.0, most))
+    sheet.panel(PanelKind.PLOT, entities.plot(panel), "Error, and (dark) claimed σ [m]")
 
 
 def _draw_surprise(run: Run, sheet: Sheet) -> None:

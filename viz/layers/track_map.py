@@ -16,7 +16,7 @@ import rerun as rr
 
 from twin.formats.geodetic import Origin
 from twin.recording import Stream
-from twin.signals import FloatArray, IntArray
+from twin.signals import BoolArray, FloatArray, IntArray
 from viz import entities
 from viz.layers.measurements import packed
 from viz.sheet import PanelKind, Run, Sheet
@@ -33,8 +33,6 @@ _LEFT, _BELOW, _LEGEND_ROW, _DROP = 0.14, 0.17, 0.055, 0.018
 in widths of the map."""
 _GAP_STEPS = 6.0
 """A line is broken where the time between rows is so many times the usual."""
-_CLOSE_ROOM = 2.0
-"""A close-up holds what lies within so many of its half widths."""
 _MARKER_HZ = 1.0
 _MOST_MARKS = 2000
 _UNSEEN = rr.Radius.ui_points(0.0)
@@ -51,15 +49,15 @@ def draw_track_map(run: Run, sheet: Sheet) -> None:
     _Map(run, sheet, "whole", whole).draw("Track, north is up [m]")
     if close is not None:
         window, what = close
-        _Map(run, sheet, "close", window, room=_CLOSE_ROOM).draw(f"Close-up [m]: {what}")
+        _Map(run, sheet, "close", window, whole=False).draw(f"Close-up [m]: {what}")
     _draw_globe(run, sheet)
 
 
 class _Map:
-    """Draws one map; nothing beyond ``room`` half widths of its window."""
+    """Draws one map: the whole track, or what lies within its window."""
 
-    def __init__(self, run: Run, sheet: Sheet, which: str, window: Window, *, room: float = math.inf) -> None:
-        self._run, self._sheet, self._window, self._room = run, sheet, window, room
+    def __init__(self, run: Run, sheet: Sheet, which: str, window: Window, *, whole: bool = True) -> None:
+        self._run, self._sheet, self._window, self._whole = run, sheet, window, whole
         self._root = entities.track_map(which)
 
     def draw(self, title: str) -> None:
@@ -78,7 +76,7 @@ class _Map:
             self._draw_marker(name, stream)
         self._draw_legend(legend)
         west, south, east, north = window.edges
-        above = (_LEGEND_ROW * (len(legend) + 0.5)) * window.width
+        above = (_LEGEND_ROW * (len(legend) + 0.8)) * window.width
         self._sheet.bounds[self._root] = (
             (west - _LEFT * window.width, east + 0.03 * window.width),
             (-north - above, -south + _BELOW * window.width),
@@ -92,7 +90,7 @@ class _Map:
         points = points_of(run, stream)
         if points is None:
             return []
-        seen = known_rows(self._window.inside(points, self._room))
+        seen = self._shown(points)
         quality = run.columns(stream, "quality")
         codes = np.full(len(points), math.nan) if quality is None else quality[:, 0]
         colours = np.full(len(points), packed(entities.MEASURED_COLOUR), dtype=np.uint32)
@@ -113,12 +111,18 @@ class _Map:
         points = points_of(self._run, stream)
         if points is None:
             return False
-        strips = list(_strips(stream.t_ns, self._window.inside(points, self._room)))
+        strips = list(_strips(stream.t_ns, points))
+        if not self._whole:
+            strips = [_drawn(piece) for strip in strips for piece in self._window.pieces(_drawn(strip))]
         if strips:
             radii = rr.Radius.ui_points(width)
             lines = rr.LineStrips2D(strips, colors=[colour], radii=radii, draw_order=order)
             self._sheet.static(f"{self._root}/{what}", lines)
         return bool(strips)
+
+    def _shown(self, points: FloatArray) -> BoolArray:
+        """Which of the points (T, 2) are drawn."""
+        return known_rows(points if self._whole else self._window.inside(points))
 
     def _draw_marker(self, name: str, stream: Stream) -> None:
         """Where an estimator is now."""
@@ -127,7 +131,7 @@ class _Map:
             return
         keep = thin(stream.t_ns, _MARKER_HZ)
         keep = keep[:: max(1, -(-len(keep) // _MOST_MARKS))]
-        inside = known_rows(self._window.inside(points[keep], self._room))
+        inside = self._shown(points[keep])
         keep, entity = keep[inside], f"{self._root}/now/{name}"
         if len(keep):
             self._sheet.rows(entity, stream.t_ns[keep], rr.Points2D.columns(positions=_drawn(points[keep])))
@@ -164,7 +168,7 @@ class _Map:
         """What the colours mean, above the map."""
         top = -self._window.edges[3]
         for index, (label, colour) in enumerate(reversed(legend)):
-            row = top - (index + 0.6) * _LEGEND_ROW * self._window.width
+            row = top - (index + 0.8) * _LEGEND_ROW * self._window.width
             self._draw_labels(f"legend/{index}", [(self._window.east_m, row)], [label], colour)
 
     def _draw_labels(
