@@ -358,6 +358,25 @@ def test_after_a_long_silence_it_starts_anew() -> None:
     np.testing.assert_allclose(guide.estimate(round(1e12)).values[0, :2], [500.0, 70.0], atol=1e-6)
 
 
+def test_noise_that_no_data_sheet_tells_is_learned() -> None:
+    """White noise of 0.5 m from a receiver of which nothing is known: innovations are as large as expected in the end.
+
+    Without that, their normalised square would be (0.5 / 0.05)^2 times too large.
+    """
+    told = {"single_position_white_sigma_m": 0.5, "single_position_correlated_sigma_m": 1.2}
+    sheet = {"gnss": {**told, "single_position_correlation_s": 160.0}}
+    noisy = Passes(runs=20, seed=18, passes=1, length_m=80.0, sheets=sheet)
+    setup = noisy.setup()
+    receiver = setup.sensors["gnss"]
+    silent = {key: value for key, value in receiver.datasheet.items() if "single_position" not in key}
+    sensors = {**setup.sensors, "gnss": replace(receiver, datasheet={**silent, "position_noise_m": 2.5})}
+    guide = make(replace(setup, sensors=sensors))
+    values, _, _ = drive(noisy, guide)
+    nis = column(guide, values, "nis_position")[400:]
+    # 20 worlds, some 37 fixes: the mean of 2 degrees of freedom is known within 2 / sqrt(740) = 0.07; learning adds
+    assert np.nanmean(nis) == pytest.approx(2.0, abs=0.4)
+
+
 def test_filterpy_steps_one_run() -> None:
     with pytest.raises(BadInputError, match="steps one run"):
         make(make_setup(*ALL, runs=2), engine="filterpy")

@@ -48,6 +48,7 @@ from twin.estimators.guidance_filter_model import (
     VelocitySeen,
 )
 from twin.estimators.guidance_filter_receiver import FixErrors
+from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
     ODOMETRY,
@@ -71,6 +72,8 @@ _PATIENCE_NS = 150_000_000
 """A fix waits so long for the other sensors."""
 _LONGEST_GAP_S = 60.0
 """After a silence of all sensors as long as that the filter starts anew."""
+_UNORIENTED_RAD = 0.5
+"""A heading that is less certain is none."""
 _SHORT_NS = 200_000_000
 """Speed and rate of turn of the moment are means over so long."""
 _SPEED_NS = 400_000_000
@@ -99,7 +102,7 @@ class NoiseConfig(Config):
     """Rate of turn of a machine without a gyro."""
     turn_s: Positive = 2.0
     """How long that lasts."""
-    acceleration_m_s2_rthz: Positive = 0.5
+    acceleration_m_s2_rthz: Positive = 1.0
     """Speed of a machine without a sensor of it walks by so much in a second."""
     slip_ratio: Positive = 0.01
     """Slip of the moment against the speed."""
@@ -163,6 +166,7 @@ class GuidanceFilter:
         self._start_heading = setup.start_e_n_heading[2]
         self._receiver = FixReader(infos[GNSS], setup)
         self._errors = FixErrors(infos[GNSS].datasheet, setup.runs)
+        self._motion = Motion(setup.runs)
         self._arm = self._receiver.forward_m + setup.reference_x_m, self._receiver.left_m
         self._build_inputs(infos, setup)
         self._wheelbase_m = config.wheelbase_of(setup)
@@ -190,6 +194,7 @@ class GuidanceFilter:
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
             jump_s=self._errors.jump_s,
+            white_told=self._errors.white_told,
         )
         self._now_ns: int | None = None
         self._tip_ns = 0
@@ -313,8 +318,15 @@ class GuidanceFilter:
                 self.motion_noise,
                 span,
                 receiver=self.core.receiver,
+                turning=self._turning(engine.x, span),
             )
             engine.predict(motion, span.rate, span.dt_s)
+
+    def _turning(self, x: FloatArray, span: Span) -> FloatArray:
+        """Share (R,) of the rate of turn that counts."""
+        if self.layout.has_rate:
+            return np.ones(self._runs)
+        return np.minimum(np.abs(span.speed + x[:, V]) / self._config.course_from_m_s, 1.0)
 
     def _hear_machine(self, span: Span) -> None:
         """What gyro and steering say beside moving the filter, once per fix."""
@@ -340,23 +352,44 @@ class GuidanceFilter:
     def _hear_fix(self, fix: Fix, span: Span, dt_s: float) -> None:
         core, there = self.core, fix.there
         error = self._errors.of(fix)
-        fast = np.nan_to_num(fix.speed) >= max(self._config.course_from_m_s, 3.0 * self._velocity_m_s)
-        known = np.isfinite(self._start_heading)
-        heading = np.where(fast & ~known & np.isfinite(fix.course), fix.course, self._start_heading)
+        way_speed, course = self._motion.of(fix)
+        fast = np.nan_to_num(way_speed) >= max(self._config.course_from_m_s, 3.0 * self._velocity_m_s)
+        fast &= np.isfinite(course)
+        heading = np.where(fast & ~np.isfinite(self._start_heading), course, self._start_heading)
         beginning = there & np.isfinite(heading) & ~core.started
-        core.begin(fix, error, np.nan_to_num(heading), beginning, self._errors.resolution_m)
+        core.begin(
+            fix, error, np.nan_to_num(heading), beginning, self._errors.resolution_m, speed=way_speed, keep=~beginning
+        )
         going = there & core.started & ~beginning
+        self._orient(going & fast, way_speed, course)
         if self._config.velocity:
             self._hear_velocity(fix, span, core.started & there)
         x = self.engine.x
         speed = span.speed + x[:, V]
         speeds = np.stack([speed * np.cos(x[:, PSI]), speed * np.sin(x[:, PSI])], axis=-1)
         white = core.white_variances(error, speeds, self._errors.resolution_m, min(dt_s, 1.0))
-        y, nis, taken = core.hear(fix, error, white, going)
+        moves_by_itself = span.speed_known | (np.isfinite(fix.speed) & self._config.velocity)
+        y, nis, taken, lost = core.hear(fix, error, white, going, may_jump=moves_by_itself)
         self._output.news.put_position(y, nis, going)
         core.anchor_better(error, taken)
-        core.begin(fix, error, self.engine.x[:, PSI], taken & core.lost(error), self._errors.resolution_m)
-        self._accepted_ns = np.where(taken | beginning, fix.t_ns, self._accepted_ns)
+        wrong = taken & core.lost(error)
+        ahead = np.where(fast, course, self.engine.x[:, PSI])
+        again = lost | wrong
+        core.begin(fix, error, ahead, again, self._errors.resolution_m, speed=way_speed, keep=lost)
+        self._accepted_ns = np.where(taken | beginning | again, fix.t_ns, self._accepted_ns)
+
+    def _orient(self, mask: BoolArray, speed: FloatArray, course: FloatArray) -> None:
+        """Where the heading is as good as unknown, take the course for it: there is nothing to linearise about."""
+        mask = mask & (self.engine.P[:, PSI, PSI] > _UNORIENTED_RAD**2)
+        if not mask.any():
+            return
+        x, P = self.engine.x.copy(), self.engine.P.copy()
+        places = [(PSI, course, 0.5 * _UNORIENTED_RAD)] + ([] if self.layout.has_speed else [(V, speed, 1.0)])
+        for place, value, sigma in places:
+            x[mask, place] = value[mask]
+            P[mask, place, :] = P[mask, :, place] = 0.0
+            P[mask, place, place] = sigma**2
+        self.engine.restore(x, P)
 
     def _hear_velocity(self, fix: Fix, span: Span, mask: BoolArray) -> None:
         mask = mask & np.isfinite(fix.speed) & np.isfinite(fix.course)
@@ -364,7 +397,8 @@ class GuidanceFilter:
         z = np.stack([speed * np.cos(course), speed * np.sin(course)], axis=-1)
         variance = self._velocity_m_s**2 + np.square(self._velocity_ratio * speed)
         forward, left = self._arm
-        seen = VelocitySeen(self.layout, span, forward_m=forward, left_m=left, lag_s=self._lag_s)
+        turning = self._turning(self.engine.x, span)
+        seen = VelocitySeen(self.layout, span, turning=turning, forward_m=forward, left_m=left, lag_s=self._lag_s)
         nis = self._update_robustly(seen, z, mask, np.repeat(variance[:, np.newaxis], 2, axis=1))
         self._output.news.put("nis_velocity", nis, mask)
 

@@ -11,7 +11,8 @@ than a correlation time ago, as it may be the old error still, of which nothing 
 **Jumps.** An innovation beyond the gate is not used at first. When ``jump_epochs`` of them in a row say the same, it is
 the receiver's error that has jumped, not the machine: J (or C) is widened by the jump, and the position stays where
 wheels and gyro have it. Only when the error that the filter would have to believe in is beyond ten of the kind's sigma,
-it is the position that is lost, and the filter starts anew.
+it is the position that is lost, and the filter starts anew; so it does at once where neither wheels nor the receiver's
+velocity tell how the machine moves.
 
 **Anchor.** From pass to pass a constant error is none. A is what the error C + J was when the best kind of solution so
 far was first met, and P + A the position in a frame that is shifted by it: of that nothing but the *change* of the
@@ -36,8 +37,11 @@ from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 _MOST_REJECTED = 20
 """After so many in a row, whatever they say, the error is taken for another one."""
 _LOST_SIGMAS = 10.0
+_UNUSUAL_SIGMAS = 3.0
 _VAGUE = 10.0
 """A jump's variance against the square of what is seen of it: so vague, that it takes all and the position nothing."""
+_LEARNING, _MOST_SURPRISED, _MOST_WIDER = 0.08, 8.0, 400.0
+"""White variance not told: share learned from a fix, its largest normalised square, and the largest factor."""
 _AGAIN = 4.0
 """Widening of an error that may be the old one."""
 _STEP_S = 120.0
@@ -67,6 +71,7 @@ class Core:
         gates: GatesConfig,
         sway_m: float,
         jump_s: float,
+        white_told: bool,
     ) -> None:
         """``start_variances`` gives (n,) variances of all states but position, errors and anchor."""
         self.engine, self._layout, self._antenna = engine, layout, antenna
@@ -75,6 +80,7 @@ class Core:
         self.started: BoolArray = np.zeros(runs, dtype=np.bool_)
         self.doubting: BoolArray = np.zeros(runs, dtype=np.bool_)
         """(R,) whether the last fix was not believed."""
+        self._white_told, self._wider = white_told, np.ones(runs)
         self.receiver = ReceiverNoise(
             slow_m=np.ones(runs),
             slow_s=np.full(runs, 100.0),
@@ -99,60 +105,81 @@ class Core:
         Rounding to steps of q is new (q^2 / 12) only once per step that is crossed: at a speed v along the axis,
         ``speeds`` (R, 2), the samples of q / v seconds share it.
         """
-        white = np.square(error.white_m) + self._sway_m**2
+        white = self._wider * np.square(error.white_m) + self._sway_m**2
         crossing_s = resolution_m / np.maximum(np.abs(speeds), 1e-3)
         shared = np.clip(np.minimum(crossing_s, _STEP_S) / dt_s, 1.0, None)
         variances: FloatArray = white[:, np.newaxis] + np.square(resolution_m) / 12.0 * shared
         return variances
 
-    def begin(self, fix: Fix, error: FixError, heading: FloatArray, mask: BoolArray, rounding_m: FloatArray) -> None:
-        """Start the members where ``mask`` (R,) at a fix, with a heading (R,)."""
+    def begin(
+        self,
+        fix: Fix,
+        error: FixError,
+        heading: FloatArray,
+        mask: BoolArray,
+        rounding_m: FloatArray,
+        *,
+        speed: FloatArray,
+        keep: BoolArray,
+    ) -> None:
+        """Start the members where ``mask`` (R,) at a fix, with a heading (R,) and, if it is a state, a speed (R,).
+
+        Where ``keep`` (R,), what is known of the receiver's errors still holds.
+        """
         if not mask.any():
             return
         layout, engine = self._layout, self.engine
+        fresh = mask & ~keep
+        kept = layout.errors
         x = np.where(mask[:, np.newaxis], 0.0, engine.x)
+        x[:, kept] = np.where(fresh[:, np.newaxis], 0.0, engine.x[:, kept])
         x[:, PSI] = np.where(mask, heading, x[:, PSI])
-        expected = self._antenna.h(x)
         if not layout.has_speed:
-            x[:, V] = np.where(mask & np.isfinite(fix.speed), fix.speed, x[:, V])
-        x[:, [E, N]] = np.where(mask[:, np.newaxis], fix.position - expected, x[:, [E, N]])
-        P = np.repeat(np.diag(self._start_variances())[np.newaxis], len(x), axis=0)
-        white = np.square(error.white_m) + self._sway_m**2
-        for axis, place in enumerate((E, N)):
-            errors = [(layout.slow, np.square(error.slow_m))]
-            if layout.jump is not None:
-                errors.append((layout.jump, np.square(error.jump_m)))
-            P[:, place, place] = white + rounding_m[axis] ** 2 / 12.0
-            for first, variance in errors:
-                e = first + axis
-                P[:, place, place] += variance
-                P[:, e, e] = variance
-                P[:, place, e] = P[:, e, place] = -variance
-        self._lever(P, x)
+            x[:, V] = np.where(mask & np.isfinite(speed), speed, x[:, V])
+        x[:, [E, N]] = np.where(mask[:, np.newaxis], fix.position - self._antenna.h(x), x[:, [E, N]])
+        P = self._at_start(x, error, fresh, rounding_m)
         engine.restore(x, np.where(mask[:, np.newaxis, np.newaxis], P, engine.P))
         self.started = self.started | mask
         self._kind = np.where(mask, error.kind, self._kind)
-        self._other_kind = np.where(mask, -1, self._other_kind)
+        self._other_kind = np.where(fresh, -1, self._other_kind)
         self._set_noise(error, mask)
-        self._anchored = np.where(mask, -1, self._anchored)
-        self._rejected = np.where(mask, 0, self._rejected)
+        self._anchored = np.where(fresh, -1, self._anchored)
+        self._rejected, self._alike = np.where(mask, 0, self._rejected), np.where(mask, 0, self._alike)
         self._remember(fix, error, mask)
-        self._anchor(mask, error.kind)
+        self._anchor(fresh, error.kind)
 
-    def _lever(self, P: FloatArray, x: FloatArray) -> None:
-        """At the start the axle is where the antenna is less its arm: a wrong heading puts it wrong."""
-        slope = -self._antenna.H(x)[:, :, PSI]
-        variance = P[:, PSI, PSI].copy()
+    def _at_start(self, x: FloatArray, error: FixError, fresh: BoolArray, rounding_m: FloatArray) -> FloatArray:
+        """Covariance (R, n, n) of P = z - arm - C - J: what is not known of the others is not known of P."""
+        layout = self._layout
+        P = np.repeat(np.diag(self._start_variances())[np.newaxis], len(x), axis=0)
+        rows, columns = layout.errors[:, np.newaxis], layout.errors
+        P[:, rows, columns] = np.where(fresh[:, np.newaxis, np.newaxis], 0.0, self.engine.P[:, rows, columns])
+        for axis in range(2):
+            self._set(P, layout.slow + axis, np.square(error.slow_m), fresh)
+            if layout.jump is not None:
+                self._set(P, layout.jump + axis, np.square(error.jump_m), fresh)
+        white = np.square(error.white_m) + self._sway_m**2
+        T = np.repeat(np.eye(layout.size)[np.newaxis], len(x), axis=0)
+        seen = self._antenna.H(x)
         for axis, place in enumerate((E, N)):
-            P[:, place, PSI] = P[:, PSI, place] = slope[:, axis] * variance
-            P[:, place, place] += np.square(slope[:, axis]) * variance
-        cross = slope[:, 0] * slope[:, 1] * variance
-        P[:, E, N] = P[:, N, E] = cross
+            P[:, place, place] = white + rounding_m[axis] ** 2 / 12.0
+            T[:, place] = -seen[:, axis]
+            T[:, place, place] = 1.0
+        start: FloatArray = np.einsum("rij,rjk,rlk->ril", T, P, T, optimize=True)
+        return start
+
+    @staticmethod
+    def _set(P: FloatArray, place: int, variance: FloatArray, mask: BoolArray) -> None:
+        P[:, place, place] = np.where(mask, variance, P[:, place, place])
 
     def hear(
-        self, fix: Fix, error: FixError, white: FloatArray, mask: BoolArray
-    ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Take a fix where ``mask`` (R,); return innovation (R, 2), its normalised square (R,), and who was updated."""
+        self, fix: Fix, error: FixError, white: FloatArray, mask: BoolArray, *, may_jump: BoolArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+        """Take a fix where ``mask`` (R,).
+
+        Returns innovation (R, 2), its normalised square (R,), who was updated (R,), and who is lost (R,): whose fix
+        is not what is expected where ``may_jump`` (R,) is not, because nothing tells how the machine moves.
+        """
         self._meet(fix, error, mask)
         engine, gate = self.engine, self._gates.sigmas**2
         z = np.where(mask[:, np.newaxis], fix.position, 0.0)
@@ -167,14 +194,23 @@ class Core:
         self._alike = np.where(outside, np.where(same, self._alike + 1, 1), self._alike)
         self._last_rejected = np.where(outside[:, np.newaxis], y, self._last_rejected)
         jumped: BoolArray = outside & ((self._alike >= self._gates.jump_epochs) | (self._rejected >= _MOST_REJECTED))
+        lost: BoolArray = outside & ~may_jump
+        jumped = jumped & may_jump
         self._jump(jumped, y)
         taken = mask & (~outside | jumped)
         engine.update(self._antenna, z, taken, white)
-        self.doubting = np.where(mask, outside & ~jumped, self.doubting)
+        self.doubting = np.where(mask, outside & ~jumped & ~lost, self.doubting)
+        self._learn_white(nis, mask)
         self._rejected = np.where(taken, 0, self._rejected)
         self._alike = np.where(taken, 0, self._alike)
         self._remember(fix, error, taken)
-        return y, nis, taken
+        return y, nis, taken, lost
+
+    def _learn_white(self, nis: FloatArray, mask: BoolArray) -> None:
+        """Where no data sheet tells what is new in a fix, the innovations do: their mean square is to be 2."""
+        if not self._white_told:
+            learned = self._wider * np.exp(_LEARNING * (np.minimum(nis, _MOST_SURPRISED) / 2.0 - 1.0))
+            self._wider = np.where(mask, np.clip(learned, 1.0, _MOST_WIDER), self._wider)
 
     def lost(self, error: FixError) -> BoolArray:
         """Whether (R,) the receiver's error would have to be larger than it can be."""
@@ -246,8 +282,16 @@ class Core:
     # --- anchor ------------------------------------------------------------------------------------------------------
 
     def anchor_better(self, error: FixError, taken: BoolArray) -> None:
-        """Let the anchor be the error of now where the solution is of a better kind than any before."""
-        self._anchor(taken & (error.kind > self._anchored), error.kind)
+        """Let the anchor be the error of now where the solution is of a better kind than any before.
+
+        So it does where the anchor turns out to be no usual error (a solution that had not converged yet).
+        """
+        anew: BoolArray = error.kind > self._anchored
+        if self._layout.anchor is not None:
+            A = self.engine.x[:, self._layout.anchor : self._layout.anchor + 2]
+            usual = _UNUSUAL_SIGMAS * np.hypot(error.slow_m, error.jump_m)
+            anew |= (np.abs(A) > usual[:, np.newaxis]).any(axis=1) & (error.kind == self._anchored)
+        self._anchor(taken & anew, error.kind)
 
     def _anchor(self, mask: BoolArray, kind: IntArray) -> None:
         self._anchored = np.where(mask, kind, self._anchored)

@@ -5,6 +5,7 @@ States, with u the told speed and r the told rate of turn:
     E, N       middle of the rear axle, m                    P' = (u (1 + k) + v) (cos psi, sin psi)
     PSI        heading, counter-clockwise from east, rad     psi' = r (1 + g) - b
     B          offset of r, a slow random walk; without a gyro r = 0 and -b is the rate of turn, which wanders
+               (and counts in proportion while it moves at less than a crawl: who stands does not turn)
     V          speed that the wheels do not tell (m/s): slip of the moment; without them it is the speed itself
     K          scale error of the told speed                 (where there is one)
     G          scale error of the told rate                  (where there is a gyro)
@@ -43,6 +44,8 @@ class Layout:
         self.jump = self._next(2) if jumps else None
         self.anchor = self._next(2) if anchor else None
         self.has_rate, self.has_speed = rate, speed
+        self.errors = np.arange(self.slow, self.size)
+        """Places of all that is the receiver's."""
 
     def _next(self, count: int) -> int:
         place, self.size = self.size, self.size + count
@@ -93,8 +96,11 @@ class SpanMotion:
         span: Span,
         *,
         receiver: ReceiverNoise,
+        turning: FloatArray,
     ) -> None:
+        """``turning``: (R,) share of the rate of turn that counts, 1 but for a machine without a gyro that stands."""
         self._layout, self._noise, self._span, self._receiver = layout, noise, span, receiver
+        self._turning = np.where(span.standing, 0.0, turning)
         dt_s = span.dt_s
         self._keep_slow = np.exp(-dt_s / receiver.slow_s)
         self._keep_other = np.exp(-dt_s / receiver.other_s)
@@ -108,7 +114,7 @@ class SpanMotion:
         moving = ~span.standing
         k = 0.0 if layout.scale is None else x[:, layout.scale]
         g = 0.0 if layout.gyro_scale is None else x[:, layout.gyro_scale]
-        turned = np.where(moving, dt_s * (span.rate * (1.0 + g) - x[:, B]), 0.0)
+        turned = self._turning * dt_s * (span.rate * (1.0 + g) - x[:, B])
         way = np.where(moving, dt_s * (span.speed * (1.0 + k) + x[:, V]), 0.0)
         half = 0.5 * turned
         chord = way * np.sinc(half / np.pi)
@@ -121,11 +127,11 @@ class SpanMotion:
         F[:, E, PSI], F[:, N, PSI] = -chord * sine, chord * cosine
         step = np.where(moving, dt_s, 0.0)
         self._with_speed(F, V, step * cosine, step * sine)
-        self._with_rate(F, B, -step)
+        self._with_rate(F, B, -dt_s * self._turning)
         if layout.scale is not None:
             self._with_speed(F, layout.scale, step * span.speed * cosine, step * span.speed * sine)
         if layout.gyro_scale is not None:
-            self._with_rate(F, layout.gyro_scale, step * span.rate)
+            self._with_rate(F, layout.gyro_scale, dt_s * self._turning * span.rate)
         for place, keep in self._decays():
             moved[:, place] *= keep
             F[:, place, place] = keep
@@ -219,8 +225,11 @@ class VelocitySeen:
 
     R: FloatArray = np.ones(2)
 
-    def __init__(self, layout: Layout, span: Span, *, forward_m: float, left_m: float, lag_s: float) -> None:
+    def __init__(
+        self, layout: Layout, span: Span, *, turning: FloatArray, forward_m: float, left_m: float, lag_s: float
+    ) -> None:
         self._layout, self._span = layout, span
+        self._turning = np.where(span.standing, 0.0, turning)
         self._forward_m, self._left_m, self._lag_s = forward_m, left_m, lag_s
 
     def _parts(self, x: FloatArray) -> tuple[FloatArray, ...]:
@@ -228,7 +237,7 @@ class VelocitySeen:
         k = 0.0 if layout.scale is None else x[:, layout.scale]
         g = 0.0 if layout.gyro_scale is None else x[:, layout.gyro_scale]
         moving = ~span.standing
-        rate = np.where(moving, span.rate * (1.0 + g) - x[:, B], 0.0)
+        rate = self._turning * (span.rate * (1.0 + g) - x[:, B])
         along = np.where(moving, span.speed * (1.0 + k) + x[:, V], 0.0) - self._left_m * rate
         aside = self._forward_m * rate
         direction = x[:, PSI] - self._lag_s * rate
@@ -249,7 +258,7 @@ class VelocitySeen:
         jacobian[:, 0, V], jacobian[:, 1, V] = moving * cosine, moving * sine
         if layout.scale is not None:
             jacobian[:, :, layout.scale] = jacobian[:, :, V] * span.speed[:, np.newaxis]
-        with_rate = moving[:, np.newaxis] * np.stack(
+        with_rate = self._turning[:, np.newaxis] * np.stack(
             [
                 -self._left_m * cosine - self._forward_m * sine + self._lag_s * north,
                 -self._left_m * sine + self._forward_m * cosine - self._lag_s * east,

@@ -61,6 +61,8 @@ class FixErrors:
             self._reports[best] = max(usual, whole[best])
         self.jump_s = sheet.get("jump_interval_s", _JUMPS_S)
         """1/e time of the part that steps."""
+        self.white_told = any(name.endswith("position_white_sigma_m") for name in sheet)
+        """Whether the data sheet tells what is new in a fix."""
         self.jumps = bool(self._table[:, 3].any())
         """Whether the receiver has such a part."""
         rounding = sheet.get("position_resolution_m", 0.0)
