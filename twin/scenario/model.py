@@ -135,6 +135,9 @@ class ScoringConfig(Config):
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
     height_bound_of: str | None = None
     """Name of an estimator: also give the least error of the height any causal filter with its sensors could have."""
+    pass_to_pass_bound_of: str | None = None
+    """Name of an estimator: also give the least pass-to-pass error any causal filter with its receiver, wheels and gyro
+    could have."""
     limits: Annotated[dict[str, Positive], Field(json_schema_extra={"propertyNames": {"enum": list(LIMITED)}})] = Field(
         default_factory=dict
     )
@@ -300,9 +303,8 @@ class Scenario(Config):
     @model_validator(mode="after")
     def _scored_and_drawn_exist(self) -> Self:
         named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
-        named |= {
-            f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of", "height_bound_of")
-        }
+        bounds = ("causal_bound_of", "height_bound_of", "pass_to_pass_bound_of")
+        named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", *bounds)}
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
