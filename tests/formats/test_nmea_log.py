@@ -249,6 +249,16 @@ def test_a_log_with_an_epoch_a_minute_is_read_whole(tmp_path: Path) -> None:
     assert not problems
 
 
+def test_a_log_of_long_gaps_claims_thirty_days_at_most(tmp_path: Path) -> None:
+    # Pairs every two hours: half a year of them.
+    hours = [2 * index for index in range(12 * 180)]
+    bodies = [gga(f"{hour % 24:02d}000{second}.00") for hour in hours for second in range(2)]
+    found, problems = read(write_log(tmp_path, *bodies))
+    assert found[-1].t_ns == found[-1].t_available_ns == 30 * 86_400 * 10**9
+    assert len(found) == 2 * 12 * 30 + 1
+    assert problems == {"more than 30 days after the beginning": 2 * 12 * 150 - 1}
+
+
 @pytest.mark.parametrize("dated", [False, True])
 def test_joined_logs_go_on_one_second_after_the_first(dated: bool, tmp_path: Path) -> None:
     times = ("120000", "120001", "080000", "080001", "080002", "200000", "200001", "200002")
@@ -299,6 +309,8 @@ def damaged(body: str) -> bytes:
         (framed(rmc("120001.00", date="310226")).encode(), "out of range"),
         (framed(rmc("120001.00", date="3102")).encode(), "not a number"),
         (framed(rmc("120001.00", course="-1e9")).encode(), "out of range"),
+        (framed("GNZDA,120001.00,01,04,9999,00,00").encode(), "out of range"),
+        (framed("GNZDA,120001.00,31,12,1979,00,00").encode(), "out of range"),
         (framed("GNVTG,90.0,T").encode(), "missing fields"),
         (b"$GNGGA," + b"1" * 5000 + b"\n", "too long"),
         (b"$" * 100_000 + b"\n", "too long"),

@@ -16,7 +16,7 @@ from twin.formats.csv_mapping import COLUMNS, CsvMapping, Table
 from twin.formats.csv_rows import Row, TableReader
 from twin.formats.geodetic import Origin
 from twin.formats.gnss_fixes import GNSS, HEAD_EPOCHS, Fix, measurements, origin_of, rate_hz, receiver_info
-from twin.formats.log_clock import LogClock, Placed, follows
+from twin.formats.log_clock import LONGEST_LOG_NS, Placed, SharedClock, follows
 from twin.signals import Measurement, Mount, SensorInfo
 
 _NEUTRAL_IMU = {
@@ -31,8 +31,9 @@ _NEUTRAL_IMU = {
 class CsvLog:
     """Sensors in one or several CSV files; see :class:`twin.formats.log.Log`.
 
-    A sample arrives when it is measured. Files are read side by side and each is taken to be in order of time. A
-    receiver whose quality the mapping does not tell counts as a single-point one (1) where it has a position.
+    A sample arrives when it is measured. Files are read side by side, on one clock, and each is taken to be in order of
+    time: what goes back is passed over. A receiver whose quality the mapping does not tell counts as a single-point one
+    (1) where it has a position.
 
     Args:
         path: one of the files, or their folder; a table without ``file`` is about this one.
@@ -47,9 +48,11 @@ class CsvLog:
         self.path = path
         self.problems: Counter[str] = Counter()
         self._readers = [TableReader(_file(path, table), table) for table in mapping.tables]
-        heads = [self._head(reader) for reader in self._readers]
+        unused: Counter[str] = Counter()
+        heads = [self._head(reader, unused) for reader in self._readers]
         if not any(heads):
-            raise BadInputError(f"{path}: no row of it can be used")
+            kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
+            raise BadInputError(f"{path}: no row of it can be used ({kinds or 'nothing at all'})")
         self._first_ns = min(_start_ns(head) for head in heads if head)
         dated = mapping.tables[0].time.since != "start"
         self.start_utc_ns = self._first_ns if dated else None
@@ -66,11 +69,11 @@ class CsvLog:
         self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in infos}
 
     @staticmethod
-    def _head(reader: TableReader) -> list[Row]:
+    def _head(reader: TableReader, unused: Counter[str]) -> list[Row]:
         """Its first rows; of a receiver those from the first position on, if there is one."""
         rows: list[Row] = []
         found = reader.table.kind != GNSS
-        for row in reader.rows(Counter()):
+        for row in reader.rows(unused):
             if not found and _fix(reader.table, row, 0, 0).placed:
                 found = True
                 rows = rows[:1]
@@ -89,9 +92,9 @@ class CsvLog:
         return measurements(self._items(reader), self.origin)
 
     def _items(self, reader: TableReader) -> Iterator[Fix | Measurement]:
-        clock: LogClock[Row] = LogClock(self.problems, begin_ns=self._first_ns)
+        clock: SharedClock[Row] = SharedClock(self.problems, begin_ns=self._first_ns)
         for row in reader.rows(self.problems):
-            for placed in clock.put_absolute(row, row.t_ns):
+            for placed in clock.put(row, row.t_ns):
                 yield _sample(reader.table, placed)
         for placed in clock.finish():
             yield _sample(reader.table, placed)
@@ -113,7 +116,7 @@ def _file(path: Path, table: Table) -> Path:
 def _start_ns(head: Sequence[Row]) -> int:
     """Time of the first row that another follows: a first one far off does not count."""
     pairs = itertools.pairwise(head)
-    return next((row.t_ns for row, after in pairs if follows(after.t_ns - row.t_ns)), head[0].t_ns)
+    return next((row.t_ns for row, after in pairs if follows(after.t_ns - row.t_ns, LONGEST_LOG_NS)), head[0].t_ns)
 
 
 def _fix(table: Table, row: Row, t_ns: int, t_available_ns: int) -> Fix:

@@ -49,7 +49,7 @@ class Fix(NamedTuple):
     height_m: float = math.nan
     """Above the ellipsoid."""
     speed_m_s: float = math.nan
-    compass_deg: float = math.nan
+    course_deg: float = math.nan
     """Course, clockwise from north."""
     sigma_e_m: float = math.nan
     sigma_n_m: float = math.nan

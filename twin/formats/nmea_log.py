@@ -106,7 +106,7 @@ def _fix(placed: Placed[Epoch]) -> Fix:
         epoch.longitude_deg,
         epoch.height_m,
         epoch.speed_m_s,
-        epoch.compass_deg,
+        epoch.course_deg,
         epoch.sigma_e_m,
         epoch.sigma_n_m,
         epoch.sigma_u_m,
