@@ -18,7 +18,8 @@ from tests.formats.sentences import GSA, gga, gst, rmc, vtg, write_log
 from tests.sensors.motions import preset, sensor
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import COLUMNS, neutral_sheet
+from twin.formats.gnss_fixes import COLUMNS
+from twin.formats.log_head import neutral_sheet
 from twin.formats.logs import open_log
 from twin.formats.nmea import KNOT_M_S, framed
 from twin.signals import Measurement
@@ -369,6 +370,20 @@ def test_a_receiver_is_known_by_its_rate_and_its_best_quality(tmp_path: Path) ->
     assert (fixed.kind, fixed.columns) == ("gnss", COLUMNS)
     assert fixed.datasheet["position_noise_m"] < 0.05
     assert single.datasheet["position_noise_m"] > 1.0
+
+
+def test_a_fix_that_comes_after_minutes_still_tells_what_the_receiver_can(tmp_path: Path) -> None:
+    bodies = [
+        gga(f"12{second // 60:02d}{second % 60:02d}.00", quality=4 if second > 400 else 1) for second in range(410)
+    ]
+    assert open_log(write_log(tmp_path, *bodies)).sensors["gnss"].datasheet == neutral_sheet(4)
+
+
+def test_a_joined_log_does_not_date_the_first(tmp_path: Path) -> None:
+    bodies = [rmc(f"12{second // 60:02d}{second % 60:02d}.00", date="010426") for second in range(70)]
+    bodies += [rmc(f"0900{second:02d}.00", date="050426") for second in range(9)]
+    log = open_log(write_log(tmp_path, *bodies))
+    assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64("2026-04-01T12:00:00")
 
 
 @pytest.mark.parametrize("quality", [4, 5, 2, 1])

@@ -24,10 +24,11 @@ from twin.errors import BadInputError
 from twin.formats.bad_lines import MISSING, NO_HEADER, NOT_A_NUMBER, OUT_OF_RANGE, BadLineError, number, whole
 from twin.formats.dates import day_of, require_dated
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, at, measurements, origin_of, receiver_info
+from twin.formats.gnss_fixes import Fix, at, measurements
 from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock
+from twin.formats.log_head import LogHead, origin_of, receiver_info
 from twin.signals import NS_PER_S, Measurement, SensorInfo
 
 QUALITIES = {0: 0, 1: 4, 2: 5, 3: 2, 4: 2, 5: 1, 6: 3, 7: 6}
@@ -179,18 +180,19 @@ class RtklibLog:
         self.problems: Counter[str] = Counter()
         unused: Counter[str] = Counter()
         clock: LogClock[Fix] = LogClock(unused)
-        head: list[Fix] = []
+        self.start_utc_ns: int | None = None
+        head = LogHead()
         for fix in self._fixes(clock, unused):
-            if head or fix.placed:
-                head.append(fix)
-            if len(head) >= HEAD_EPOCHS:
+            head.take(fix)
+            if not head.whole:
+                self.start_utc_ns = clock.start_utc_ns
+            if head.looked_far or (head.whole and head.best_there_is):
                 break
-        if not head:
+        if not head.fixes:
             kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
             raise BadInputError(f"{path}: no epoch has a position ({kinds or 'nothing at all'})")
-        self.origin = origin_of(head) if origin is None else origin
-        self.start_utc_ns = clock.start_utc_ns
-        info = receiver_info(head)
+        self.origin = origin_of(head.fixes) if origin is None else origin
+        info = receiver_info([fix.t_ns for fix in head.fixes], head.best)
         self.sensors: Mapping[str, SensorInfo] = {info.name: info}
 
     def measurements(self) -> Iterator[Measurement]:
