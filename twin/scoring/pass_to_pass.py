@@ -4,9 +4,9 @@ The passes are the parallel straights of a path driver (:func:`twin.control.plan
 along one A-B line, that of the first; e is an error across it, in its fixed left normal whichever way a pass is driven,
 so that what is wrong alike in both directions (a bias of the receiver) cancels. At every whole metre along the line,
 e_i and e_j of all pairs of passes that came there within 15 minutes of one another, 0 < |t_i - t_j| <= 900 s, give |e_i
-- e_j| (DOMAIN A1, after ISO 12188): of these the median, the root mean square and the 95th percentile are told. The
-error of an estimate is that of its position, taken where the machine truly was; that of the machine is its offset from
-its planned line.
+- e_j| (the window after ISO 12188, as EGNOS user support quotes it): of these the median, the root mean square and the
+95th percentile are told. The error of an estimate is that of its position, taken where the machine truly was; that of
+the machine is its offset from its planned line.
 
 The same e, of all passes together, tells how a track lies beside the lines: its mean (a constant offset, which a
 cross-track error counts to the left one way and to the right the other), its standard deviation and largest deviation
