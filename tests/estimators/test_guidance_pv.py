@@ -304,6 +304,20 @@ def test_filterpy_steps_one_run() -> None:
         make(make_setup(*ALL, runs=2), engine="filterpy")
 
 
+def test_wheels_of_unknown_size_are_refused() -> None:
+    """The machine tells their radius, or the owner does; nobody else's is taken for it."""
+    setup = make_setup(*ALL, wheel_radius_m=0.0)
+    with pytest.raises(BadInputError, match=r"wheel_radius_m: .wheel_encoders. counts turns of wheels"):
+        make(setup)
+    told = make(setup, wheel_radius_m=0.3)
+    of_machine = make(make_setup(*ALL, wheel_radius_m=0.3))
+    for guide in (told, of_machine):
+        for k in range(2):
+            feed(guide, k + 1.0, (0.0, 0.0), rate=0.0, slots=360.0 * k, steer=0.2)
+        # closed, it says what the wheels say: one turn in a second
+        assert guide.estimate(2 * NS_PER_S).values[0, 3] == pytest.approx(2.0 * np.pi * 0.3)
+
+
 def test_it_cannot_take_away_the_receivers_wander() -> None:
     """Its time constant (15 s) is short against the wander's (1200 s): pass to pass it is as wrong as the receiver.
 

@@ -7,8 +7,8 @@ taken, of a steering angle the last; a rate of turn is summed up to a heading.
 
 The gyro's offset is what it shows while the wheels stand still; the mean over the last standstill of a second or more
 is taken off. The paper does not say how it found its gyro's zero; without one, 0.3 deg/s of offset would be 30 degrees
-after 100 s. Gyro and encoders may come in either order, so a turn counts until the encoders have said of the time before
-and after it that they stand: then it was none, and is taken off again.
+after 100 s. Gyro and encoders may come in either order, so a turn counts until the encoders have said of the time
+before and after it that they stand: then it was none, and is taken off again.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from twin.estimators.guidance_base import SteeredConfig
 from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
-    ODOMETRY,
+    RATE_KINDS,
+    SPEED_KINDS,
     STEERING_ANGLE,
-    YAW_GYRO,
     ColumnReader,
     Fix,
     FixReader,
@@ -32,8 +32,7 @@ from twin.estimators.guidance_readers import (
     rate_reader,
     speed_reader,
 )
-from twin.estimators.heading_inputs import WHEEL_ENCODERS
-from twin.estimators.roles import GNSS, IMU, RADAR
+from twin.estimators.roles import GNSS
 from twin.geometry import wrap_angle
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
@@ -42,9 +41,6 @@ _LONGEST_S = 2.0
 """What a sensor told longer ago than this is over."""
 _STANDING_M_S = 0.01
 _ZEROING_S = 1.0
-_RATES = (YAW_GYRO, IMU, ODOMETRY)
-_SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
-"""In the order in which they are preferred."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +72,7 @@ class _Zero:
         self._stood: BoolArray = np.ones(runs, dtype=np.bool_)
 
     def hear(self, rate: FloatArray, dt_s: FloatArray) -> FloatArray:
-        """Take a rate (R,) that lasted ``dt_s`` (R,), and of which it is open yet whether it is one; return the turn."""
+        """Take a rate (R,) that lasted ``dt_s`` (R,), and may yet turn out to be none; return the turn (R,)."""
         turn = (rate - self.offset) * dt_s
         self._open, self._open_s = self._open + rate * dt_s, self._open_s + dt_s
         self._turned = self._turned + turn
@@ -110,9 +106,10 @@ class Epochs:
     def __init__(self, infos: Mapping[str, SensorInfo], setup: EstimatorSetup, config: SteeredConfig) -> None:
         runs = self._runs = setup.runs
         self.receiver = FixReader(infos[GNSS], setup)
-        self._rate: ColumnReader | None = next((rate_reader(infos[k], setup) for k in _RATES if k in infos), None)
+        self._rate: ColumnReader | None = next((rate_reader(infos[k], setup) for k in RATE_KINDS if k in infos), None)
+        radius_m = config.wheel_radius_of(setup)
         self._speed: SpeedReader | None = next(
-            (speed_reader(infos[k], setup, wheel_radius_m=config.wheel_radius_m) for k in _SPEEDS if k in infos), None
+            (speed_reader(infos[k], setup, wheel_radius_m=radius_m) for k in SPEED_KINDS if k in infos), None
         )
         self._steering: ColumnReader | None = None
         if ANGLE_TRANSDUCER in infos:

@@ -13,10 +13,10 @@ paper's further work: the steering angle as fifth state, a random walk, and a ro
 **In turns the filter is closed**: while the steering angle or the rate of turn is beyond a threshold, and until both
 have been within for ``straight_s``, position is the receiver's, heading the gyro's, speed the encoders'. In the new row
 it starts anew at the first fix there (the paper: "set the initial state variable with changed x and y"), with the first
-P; what began the row is not told to the filter a second time. The paper works in coordinates of the row and reverses the sign of the encoders there;
-in the twin's fixed axes that is a heading turned by pi. So the published variant starts from the old row's heading and
-as many half turns as come nearest to the gyro, the corrected one from the gyro itself. Without gyro and transducer
-nothing tells a turn, and the filter is never closed.
+P; what began the row is not told to the filter a second time. The paper works in coordinates of the row and reverses
+the sign of the encoders there; in the twin's fixed axes that is a heading turned by pi. So the published variant starts
+from the old row's heading and as many half turns as come nearest to the gyro, the corrected one from the gyro itself.
+Without gyro and transducer nothing tells a turn, and the filter is never closed.
 
 **What is known to be wrong with it**, and kept as published: the receiver's error is taken for white noise (2.5 m, new
 in each fix) and is a bias of minutes, which the filter follows with a time constant of some 15 s; sigma does not know
@@ -191,7 +191,7 @@ class GuidancePv:
         straight = ~turning & (self._turned_ns <= now_ns - round(config.straight_s * NS_PER_S))
         waiting = self._mode == WAITING
         oriented = epoch.heading_known | ~waiting | self._start_known
-        starting = straight & (self._mode != FILTERING) & there & oriented
+        starting: BoolArray = straight & (self._mode != FILTERING) & there & oriented
         closing = turning & (self._mode == FILTERING)
         self._row_psi = np.where(closing, self.engine.x[:, PSI], self._row_psi)
         begun_in_turn = waiting & ~straight & there & oriented

@@ -144,9 +144,9 @@ _HORIZONTAL = {
     2: ("differential_", 0.4, 100.0),
     1: ("single_", 0.8, 160.0),
 }
-"""Name, what wanders (m), how long it lasts (s): an F9P standing 2490 s, its float solution, a choice as in the receivers'
-presets, a NEO-M8U on a standing tractor. What is new in every fix nobody can tell of a receiver that nobody knows; it
-shows in the log, and is for estimators to find."""
+"""Name, what wanders (m), how long it lasts (s): an F9P standing 2490 s, its float solution, a choice as in the
+receivers' presets, a NEO-M8U on a standing tractor. What is new in every fix nobody can tell of a receiver that nobody
+knows; it shows in the log, and is for estimators to find."""
 _VELOCITY = {"speed_noise_m_s": 0.05, "speed_noise_ratio": 0.03, "velocity_lag_s": 0.0, "latency_s": 0.0}
 """A choice: Doppler speed of any receiver, digits included, and direction within 1.6 degrees."""
 

@@ -3,8 +3,8 @@
     out = Q( s + L(s) + b + k s + n )
 
 s is the true position; L the transducer's deviation from a straight line, half a sine over the measuring range, of an
-amplitude drawn within what the data sheet allows, less what it is where the transducer was set to zero; b and k what its calibration left of offset and slope; n white noise;
-Q the ends of the range and the converter's resolution.
+amplitude drawn within what the data sheet allows, less what it is where the transducer was set to zero; b and k what
+its calibration left of offset and slope; n white noise; Q the ends of the range and the converter's resolution.
 """
 
 from __future__ import annotations
