@@ -40,8 +40,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.errors import BadInputError
-from twin.estimators.engines import EngineName
+from twin.estimators.engines import compiled_unless_told
 from twin.estimators.guidance_imm_models import (
     A_,
     CURVE,
@@ -54,6 +53,7 @@ from twin.estimators.guidance_imm_models import (
     StraightOrCurve,
 )
 from twin.estimators.guidance_kinematic import INNOVATION, NIS, TURNING, UNKNOWN_SPEED_M_S
+from twin.estimators.guidance_kinematic_kernels import velocity_sigmas
 from twin.estimators.guidance_kinematic_output import AntennaPose
 from twin.estimators.guidance_kinematic_receiver import NEVER, Fix, Receiver, ShortTermNoise, StandingStart
 from twin.estimators.imm_engine import Modes, make_imm, predicted
@@ -93,10 +93,6 @@ class GuidanceImm:
 
     def __init__(self, config: GuidanceImmConfig, setup: EstimatorSetup) -> None:
         runs = setup.runs
-        if config.engine == "filterpy" and runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {runs}; allowed: auto, ensemble"
-            )
         self._config = config
         self._receiver = receiver = Receiver(setup, estimator=KIND)
         self._start = StandingStart(
@@ -108,9 +104,7 @@ class GuidanceImm:
         self._noise = ShortTermNoise(fallback_m=config.fallback_m, least_m=config.least_m, runs=runs)
         self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs)
         self._models = StraightOrCurve(config)
-        name: EngineName = "filterpy" if runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=runs)
         mu = np.tile(self._models.shares, (runs, 1))
         self._sees = Sees(config, receiver)
         self._engine = make_imm(
@@ -200,17 +194,7 @@ class GuidanceImm:
         )
         sigmas = np.full(values.shape, np.nan)
         sigmas[:, :2] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        sigmas[:, 2:4] = np.where(started[:, np.newaxis], _turned(x, P, speed), np.nan)
+        turned = velocity_sigmas(x[:, V_].copy(), P[:, V_, V_].copy(), speed)
+        sigmas[:, 2:4] = np.where(started[:, np.newaxis], turned, np.nan)
         self._news = np.full_like(self._news, np.nan)
         return Estimate(t_ns=t_ns, values=values, sigmas=sigmas, covariance=covariance)
-
-
-def _turned(x: FloatArray, P: FloatArray, speed: FloatArray) -> FloatArray:
-    """Sigmas (R, 2) of heading and speed."""
-    course = np.arctan2(x[:, 3], x[:, 2])
-    along = np.stack([np.cos(course), np.sin(course)], axis=-1)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    variances = [np.einsum("ri,rij,rj->r", by, P[:, V_, V_], by) for by in (across, along)]
-    sigmas: FloatArray = np.sqrt(np.maximum(np.stack(variances, axis=-1), 0.0))
-    sigmas[:, 0] = np.minimum(sigmas[:, 0] / np.maximum(np.abs(speed), 1e-3), np.pi)
-    return sigmas
