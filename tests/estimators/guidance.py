@@ -72,6 +72,7 @@ def make_setup(
     sheets: Mapping[str, Mapping[str, float]] | None = None,
     arm: tuple[float, float, float] = ARM_M,
     wheelbase_m: float = WHEELBASE_M,
+    wheel_radius_m: float = RADIUS_M,
 ) -> EstimatorSetup:
     infos = {
         kind: SensorInfo(
@@ -92,6 +93,7 @@ def make_setup(
         rows_y_m=(),
         start_e_n_heading=start,
         wheelbase_m=wheelbase_m,
+        wheel_radius_m=wheel_radius_m,
     )
 
 

@@ -310,6 +310,15 @@ def test_wheels_tell_a_curve() -> None:
     assert all(modes[56:])
 
 
+def test_wheels_of_unknown_size_tell_no_curve() -> None:
+    info = sensor("wheel_encoders", "left_slots", "right_slots", slots_per_turn=360.0)
+    by = {"by": "odometer_and_steering"}
+    with pytest.raises(BadInputError, match="nothing here tells how large they are and how far apart"):
+        make(make_setup(info, wheel_radius_m=0.5), switch=by)
+    make(make_setup(info, wheel_radius_m=0.5), switch=by | {"track_m": 1.6})
+    make(make_setup(info, wheel_radius_m=0.5, track_m=1.6), switch=by)
+
+
 def test_zero_of_the_steering_is_learnt() -> None:
     info = sensor("angle_transducer", "steering_angle_rad")
     estimator = make(

@@ -28,8 +28,6 @@ GUIDANCE_SENSORS = (GNSS, IMU, YAW_GYRO, WHEEL_ENCODERS, RADAR, ODOMETRY, ANGLE_
 STATE_COLUMNS = (*POSITION[:2], HEADING, SPEED)
 INNOVATIONS = ("innovation_e_m", "innovation_n_m")
 NIS_POSITION = "nis_position"
-WHEEL_RADIUS_M = 0.4635
-"""Rolling radius of the rear wheels of the transplanter of :mod:`twin.world`."""
 
 
 class GuidanceConfig(Config):
@@ -46,10 +44,14 @@ class GuidanceConfig(Config):
 class SteeredConfig(GuidanceConfig):
     """What filters are told that count wheels."""
 
-    wheel_radius_m: Positive = WHEEL_RADIUS_M
-    """Rolling radius of the wheels with encoders."""
+    wheel_radius_m: Positive | None = None
+    """Rolling radius of the wheels with encoders; without it, that of the machine which carries the sensors."""
     wheelbase_m: Positive | None = None
     """Of a machine that steers; without it, that of the machine which carries the sensors."""
+
+    def wheel_radius_of(self, setup: EstimatorSetup) -> float:
+        """Rolling radius, m; zero where nobody tells."""
+        return setup.wheel_radius_m if self.wheel_radius_m is None else self.wheel_radius_m
 
     def wheelbase_of(self, setup: EstimatorSetup) -> float:
         """Wheelbase, m; zero where nothing is known to steer."""

@@ -59,10 +59,10 @@ class SwitchConfig(Config):
     """It ends where the radius grows beyond this."""
     smoothing_s: Positive = 0.5
     """Time constant of the curvature."""
-    wheel_radius_m: Positive = 0.5
-    """Of the wheels that have encoders."""
-    track_m: Positive = 1.5
-    """Between them."""
+    wheel_radius_m: Positive | None = None
+    """Rolling radius of the wheels that have encoders; without it, that of the machine which carries the sensors."""
+    track_m: Positive | None = None
+    """Between them; the same."""
     test_s: Positive = 5.0
     """Planned track: how long the other hypothesis is followed before it starts anew, if nothing speaks for it."""
     plan_odds: Positive = 100.0
@@ -146,7 +146,11 @@ class SensorSwitch:
 
     def __init__(self, config: SwitchConfig, setup: EstimatorSetup) -> None:
         self._judge = CurvatureSwitch(config, setup.runs).judge
-        self._sensors = CurvatureSensors(setup, wheel_radius_m=config.wheel_radius_m, track_m=config.track_m)
+        self._sensors = CurvatureSensors(
+            setup,
+            wheel_radius_m=setup.wheel_radius_m if config.wheel_radius_m is None else config.wheel_radius_m,
+            track_m=setup.track_m if config.track_m is None else config.track_m,
+        )
         self._t_ns: IntArray = np.full(setup.runs, NEVER)
 
     def hear(self, measurement: Measurement) -> None:

@@ -56,8 +56,9 @@ from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
     ODOMETRY,
+    RATE_KINDS,
+    SPEED_KINDS,
     STEERING_ANGLE,
-    YAW_GYRO,
     ColumnReader,
     EncoderReader,
     Fix,
@@ -66,7 +67,7 @@ from twin.estimators.guidance_readers import (
     speed_reader,
 )
 from twin.estimators.heading_inputs import WHEEL_ENCODERS
-from twin.estimators.roles import GNSS, IMU, RADAR, mount_arm
+from twin.estimators.roles import GNSS, mount_arm
 from twin.signals import NS_PER_S, BoolArray, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
 KIND = "guidance_filter"
@@ -85,9 +86,6 @@ _SPEED_NS = 400_000_000
 _SPEED_CHANGE_M_S2, _TURN_CHANGE_RAD_S = 0.1, 0.05
 """So much may speed and heading have changed per second since wheels and gyro were heard, 1 sigma; a choice: a machine
 may start, stop or turn in between two samples a second apart, and mostly does not."""
-_RATES = (YAW_GYRO, IMU, ODOMETRY)
-_SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
-"""In the order in which they are preferred."""
 
 
 class GuidanceFilterConfig(SteeredConfig):
@@ -172,11 +170,13 @@ class GuidanceFilter:
 
     def _build_inputs(self, infos: dict[str, SensorInfo], setup: EstimatorSetup) -> None:
         config = self._config
-        rate = next((infos[kind] for kind in _RATES if kind in infos), None)
-        speed = next((infos[kind] for kind in _SPEEDS if kind in infos), None)
+        rate = next((infos[kind] for kind in RATE_KINDS if kind in infos), None)
+        speed = next((infos[kind] for kind in SPEED_KINDS if kind in infos), None)
         steering = infos.get(ANGLE_TRANSDUCER) if config.steering else None
         self._rate = None if rate is None else rate_reader(rate, setup)
-        self._speed = None if speed is None else speed_reader(speed, setup, wheel_radius_m=config.wheel_radius_m)
+        self._speed = (
+            None if speed is None else speed_reader(speed, setup, wheel_radius_m=config.wheel_radius_of(setup))
+        )
         self._steering = None if steering is None else ColumnReader(steering, setup, STEERING_ANGLE)
         self.inputs = Inputs(
             setup.runs,

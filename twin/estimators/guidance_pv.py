@@ -12,10 +12,11 @@ paper's further work: the steering angle as fifth state, a random walk, and a ro
 
 **In turns the filter is closed**: while the steering angle or the rate of turn is beyond a threshold, and until both
 have been within for ``straight_s``, position is the receiver's, heading the gyro's, speed the encoders'. In the new row
-it starts anew with the first P. The paper works in coordinates of the row and reverses the sign of the encoders there;
-in the twin's fixed axes that is a heading turned by pi. So the published variant starts from the old row's heading and
-as many half turns as come nearest to the gyro, the corrected one from the gyro itself. Without gyro and transducer
-nothing tells a turn, and the filter is never closed.
+it starts anew at the first fix there (the paper: "set the initial state variable with changed x and y"), with the first
+P; what began the row is not told to the filter a second time. The paper works in coordinates of the row and reverses
+the sign of the encoders there; in the twin's fixed axes that is a heading turned by pi. So the published variant starts
+from the old row's heading and as many half turns as come nearest to the gyro, the corrected one from the gyro itself.
+Without gyro and transducer nothing tells a turn, and the filter is never closed.
 
 **What is known to be wrong with it**, and kept as published: the receiver's error is taken for white noise (2.5 m, new
 in each fix) and is a bias of minutes, which the filter follows with a time constant of some 15 s; sigma does not know
@@ -171,17 +172,18 @@ class GuidancePv:
         self._now_ns = t_ns
         self._delta = -epoch.steering  # of the next step: eq 10 has Phi(k)
         z = np.column_stack([epoch.fix.position, _NORTH - epoch.heading, epoch.speed, self._delta])
-        self._change_modes(epoch, z)
-        self._update(epoch, z, self._mode == FILTERING)
+        begun = self._change_modes(epoch, z)
+        self._update(epoch, z, (self._mode == FILTERING) & ~begun)
 
-    def _change_modes(self, epoch: Epoch, z: FloatArray) -> None:
+    def _change_modes(self, epoch: Epoch, z: FloatArray) -> BoolArray:
+        """Close, begin or go on; return which members (R,) begin a row with this epoch."""
         config, now_ns, there = self._config, epoch.fix.t_available_ns, epoch.fix.there
         turning = (np.abs(epoch.steering) > config.turn_steering_rad) | (np.abs(epoch.rate) > config.turn_rate_rad_s)
         self._turned_ns = np.where(turning, now_ns, self._turned_ns)
         straight = ~turning & (self._turned_ns <= now_ns - round(config.straight_s * NS_PER_S))
         waiting = self._mode == WAITING
         oriented = epoch.heading_known | ~waiting | self._start_known
-        starting = straight & (self._mode != FILTERING) & there & oriented
+        starting: BoolArray = straight & (self._mode != FILTERING) & there & oriented
         closing = turning & (self._mode == FILTERING)
         self._row_psi = np.where(closing, self.engine.x[:, PSI], self._row_psi)
         begun_in_turn = waiting & ~straight & there & oriented
@@ -189,11 +191,17 @@ class GuidancePv:
         self._pass_on(z, epoch, (self._mode == CLOSED) | starting)
         self._start(starting, epoch.heading_known)
         self._mode = np.where(starting, FILTERING, self._mode)
+        return starting
 
     def _pass_on(self, z: FloatArray, epoch: Epoch, mask: BoolArray) -> None:
-        """Take what the sensors say for the state."""
+        """Take what the sensors say for the state; corrected, the position is the antenna's less its arm."""
         if not mask.any():
             return
+        if isinstance(self._position, Antenna):
+            turned = self.engine.x.copy()
+            turned[:, PSI] = np.where(epoch.heading_known, z[:, PSI], turned[:, PSI])
+            z = z.copy()
+            z[:, :2] -= self._position.arm(turned)
         there = epoch.fix.there
         known = np.column_stack([there, there, epoch.heading_known, epoch.speed_known, epoch.steering_known])
         taken = (known & mask[:, np.newaxis])[:, : self._states]

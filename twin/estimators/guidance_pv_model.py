@@ -126,18 +126,21 @@ class Antenna:
         self.R: FloatArray = np.asarray(variances, dtype=np.float64)
         self._forward_m, self._left_m = forward_m, left_m
 
-    def _arm(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def arm(self, x: FloatArray) -> FloatArray:
+        """From the state's point to the antenna, east and north (R, 2)."""
         sine, cosine = np.sin(x[:, PSI]), np.cos(x[:, PSI])
-        return self._forward_m * sine - self._left_m * cosine, self._forward_m * cosine + self._left_m * sine
+        return np.stack(
+            [self._forward_m * sine - self._left_m * cosine, self._forward_m * cosine + self._left_m * sine], axis=-1
+        )
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected east and north, shape (R, 2)."""
-        east, north = self._arm(x)
-        return np.stack([x[:, X] + east, x[:, Y] + north], axis=-1)
+        expected: FloatArray = x[:, [X, Y]] + self.arm(x)
+        return expected
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: N802
         """Jacobian, shape (R, 2, n)."""
-        east, north = self._arm(x)
+        east, north = self.arm(x).T
         jacobian = np.zeros((len(x), 2, x.shape[1]))
         jacobian[:, 0, X] = jacobian[:, 1, Y] = 1.0
         jacobian[:, 0, PSI], jacobian[:, 1, PSI] = north, -east

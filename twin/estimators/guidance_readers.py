@@ -18,6 +18,7 @@ from twin.estimators.heading_inputs import SLOT_COLUMNS, WHEEL_ENCODERS
 from twin.estimators.roles import (
     IMU,
     POSITION_COLUMNS,
+    RADAR,
     SPEED_COLUMN,
     column_places,
     lever_arm,
@@ -28,6 +29,10 @@ from twin.signals import NS_PER_S, YAW_RATE, BoolArray, EstimatorSetup, FloatArr
 
 ODOMETRY, YAW_GYRO, ANGLE_TRANSDUCER = "odometry", "yaw_gyro", "angle_transducer"
 COURSE, STEERING_ANGLE = "course_rad", "steering_angle_rad"
+RATE_KINDS = (YAW_GYRO, IMU, ODOMETRY)
+"""What tells a rate of turn, in the order in which they are preferred."""
+SPEED_KINDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
+"""What tells a speed, in the order in which they are preferred."""
 
 _SIGMAS = ("sigma_e_m", "sigma_n_m")
 _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
@@ -184,7 +189,8 @@ class EncoderReader:
     """Reads the way that the middle of the axle made from the counts of its two wheels.
 
     Raises:
-        BadInputError: the encoders do not give both counts, or their data sheet no slots per turn.
+        BadInputError: the encoders do not give both counts, or their data sheet no slots per turn, or nobody told how
+            large the wheels are.
     """
 
     def __init__(self, info: SensorInfo, setup: EstimatorSetup, *, wheel_radius_m: float) -> None:
@@ -193,6 +199,11 @@ class EncoderReader:
         slots = info.datasheet.get("slots_per_turn")
         if slots is None:
             raise BadInputError(f"[estimators.{setup.name}] sensors: {info.name!r} does not say its slots_per_turn")
+        if wheel_radius_m <= 0.0:
+            raise BadInputError(
+                f"[estimators.{setup.name}] wheel_radius_m: {info.name!r} counts turns of wheels, and nothing here "
+                "tells how large they are; give their rolling radius, m"
+            )
         self.slot_m = 2.0 * np.pi * wheel_radius_m / slots
         """Way of a wheel per slot, m."""
         self._places = column_places(info, SLOT_COLUMNS, setup=setup)
