@@ -150,7 +150,10 @@ class StreamWriter:
     def append(
         self, t_ns: int, *parts: FloatArray, t_available_ns: int | None = None, valid: BoolArray | None = None
     ) -> None:
-        """Add a row: arrays of shape (R, k) that stand side by side in ``columns``, and ``valid`` (R,); all copied."""
+        """Add a row: arrays of shape (R, k) that stand side by side in ``columns``, and ``valid`` (R,); all copied.
+
+        Columns for which there are none are NaN.
+        """
         row = len(self._t_ns)
         if row == len(self._values):
             self._values = np.concatenate([self._values, np.empty_like(self._values)])
@@ -160,6 +163,8 @@ class StreamWriter:
             last = first + part.shape[1]
             self._values[row, :, first:last] = part
             first = last
+        if first < len(self.columns):
+            self._values[row, :, first:] = np.nan
         self._t_ns.append(t_ns)
         if t_available_ns is not None and valid is not None:
             self._t_available_ns.append(t_available_ns)

@@ -8,13 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from tests.estimators.guidance_bench import CURVE, STRAIGHT, Bench, fix, make_setup
-from twin.estimators.guidance_imm import (
-    GuidanceImm,
-    GuidanceImmConfig,
-    StraightOrCurve,
-    rate_of_turn,
-    turning,
-)
+from twin.estimators.guidance_imm import GuidanceImm, GuidanceImmConfig
+from twin.estimators.guidance_imm_models import StraightOrCurve, rate_of_turn, turning
 from twin.estimators.guidance_kinematic_receiver import Receiver, ShortTermNoise
 from twin.estimators.imm_engine import Modes
 

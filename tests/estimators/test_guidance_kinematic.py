@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from tests.estimators.guidance_bench import CURVE, STRAIGHT, Bench, fix, make_setup
+from tests.small_scenario import small_scenario
 from twin.errors import BadInputError
+from twin.estimation import estimator_setup
 from twin.estimators import build_estimator
 from twin.estimators.guidance_imm import GuidanceImmConfig
 from twin.estimators.guidance_kinematic import GuidanceKinematicConfig
 from twin.geometry import Path
+from twin.scenario import resolve
 from twin.signals import Estimator, EstimatorSetup, Measurement, Mount, SensorInfo
 
 KINDS = ("guidance_kinematic", "guidance_imm")
@@ -365,3 +368,13 @@ def test_planned_track_needs_a_plan_and_steering_needs_something_that_turns() ->
         make(make_setup(), switch={"by": "odometer_and_steering"})
     with pytest.raises(BadInputError, match="no wheelbase"):
         make(make_setup(sensor("angle_transducer", "steering_angle_rad")), switch={"by": "odometer_and_steering"})
+
+
+def test_setup_knows_what_the_driver_means_to_drive() -> None:
+    scenario = resolve(small_scenario(), where="small scenario")
+    setup = estimator_setup("guide", scenario, {}, (), 1)
+    assert setup.planned_path is not None
+    assert setup.planned_path.length_m == pytest.approx(20.0)
+    east, north, _ = scenario.machine.vehicle_start
+    begin = setup.planned_path.pose(0.0)
+    assert (begin.east_m, begin.north_m) == pytest.approx((east, north))

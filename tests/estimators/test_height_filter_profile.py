@@ -206,13 +206,20 @@ class _Stroke:
 
 
 def over_ground(
-    options: dict[str, dict[str, Any]], *, members: range, duration_s: float, lost_s: float, machine: Carrier
+    options: dict[str, dict[str, Any]],
+    *,
+    members: range,
+    duration_s: float,
+    lost_s: float,
+    machine: Carrier,
+    receiver: str = "rtk_chcnav_i70",
+    **changes: Any,
 ) -> dict[str, Result]:
     faults = [
         {"kind": "corrections_lost", "from_s": lost_s, "to_s": duration_s},
         {"kind": "latency_step", "latency_s": 0.5, "from_s": 11.0, "to_s": 12.0},
     ]
-    gnss = make_sensor("gnss", "rtk_chcnav_i70", machine, runs=members, faults=faults)
+    gnss = make_sensor("gnss", receiver, machine, runs=members, faults=faults, **changes)
     ahrs = make_sensor("ahrs", "ahrs_mti300", machine, runs=members)
     config = CONFIGS.validate_python({"mount": "chassis", **load_preset("ahrs_mti300")})
     place = Mount(body="chassis", xyz_m=(0.0, 0.0, 0.0))

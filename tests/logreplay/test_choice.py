@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from importlib.metadata import EntryPoint
 
 import pytest
 
@@ -35,8 +36,8 @@ def test_a_kind_hears_what_it_can_use() -> None:
 def test_sensors_may_be_named() -> None:
     (pv,) = choose(["guidance_pv"], options={"guidance_pv": {"sensors": ["second"]}})
     assert pv.build(setup(receiver(), ODOMETRY, receiver(name="second")))[1] == ("second",)
-    (lost,) = choose(["guidance_pv"], options={"guidance_pv": {"sensors": ["secnd"]}})
-    with pytest.raises(BadInputError, match=r"guidance_pv.*'secnd'; did you mean 'second'"):
+    (lost,) = choose(["guidance_pv"], options={"guidance_pv": {"sensors": ["seconds"]}})
+    with pytest.raises(BadInputError, match=r"guidance_pv.*'seconds'; did you mean 'second'"):
         lost.build(setup(receiver(), receiver(name="second")))
 
 
@@ -66,7 +67,10 @@ def test_wrong_names_are_refused(texts: list[str], message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("cv=guidance_kinematic:modle=constant_velocity", r"estimators\.cv\.modle: unknown key; did you mean 'model'"),
+        (
+            "cv=guidance_kinematic:models=constant_velocity",
+            r"estimators\.cv\.models: unknown key; did you mean 'model'",
+        ),
         ("cv=guidance_kinematic:model=fast", r"estimators\.cv\.model: given 'fast'"),
         ("heading_madgwick", "heading_madgwick"),
     ],
@@ -88,8 +92,15 @@ def test_a_class_of_the_users_own_is_told_from_a_kind() -> None:
     assert is_built_in("guidance_pv")
     assert is_built_in("cv=guidance_kinematic:model=constant_velocity")
     assert not is_built_in("my_module:Filter")
-    assert not is_built_in("registered")
-    assert not is_built_in("plugin")
+    assert is_built_in("guidence_pv")  # misspelt: choose() says which was meant
+
+
+def test_a_registered_class_is_told_from_a_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint(name="mine", value="module:Filter", group="twin.estimators")
+    monkeypatch.setattr("twin.logreplay.choice.registered", lambda: {"mine": point})
+    assert not is_built_in("mine")
+    with pytest.raises(BadInputError, match="did you mean 'guidance_pv'"):
+        choose(["guidence_pv"])
 
 
 def test_the_antenna_is_the_reference_frame_unless_told() -> None:

@@ -83,6 +83,19 @@ def test_a_consistent_filter_is_found_consistent_white_and_honest() -> None:
     assert found["walk.smoothness.rms_acceleration_m_s2"] < 0.6 * found["gnss.smoothness.rms_acceleration_m_s2"]
 
 
+def test_a_covariance_that_is_announced_and_not_told_is_unknown(tmp_path: Path) -> None:
+    class Announced(Walk):
+        state_columns = ("position_e_m", "position_n_m")
+
+    log, reference = walk_log(200)
+    choices = choose([], plugins={"walk": partial(AdaptedEstimator, Announced)})
+    found = replay_log(log, choices, folder=tmp_path, reference=reference).metrics
+    said = Stream.from_arrow(pq.read_table(tmp_path / "estimates" / "walk.parquet"))
+    assert np.isnan(said.column("cov(position_e_m,position_n_m)")).all()
+    plain = replayed(walk_log(200)[0], reference=walk_log(200)[1]).metrics
+    assert found["walk.reference.mean_nees"] == plain["walk.reference.mean_nees"]
+
+
 def test_blocks_do_not_change_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = replayed(*(walk_log(1000)[:1]), reference=walk_log(1000)[1]).metrics
     monkeypatch.setattr(replaying, "BLOCK_ROWS", 37)
@@ -148,6 +161,20 @@ def test_estimators_start_where_the_log_does() -> None:
     assert replayed(MadeUpLog(silent)).start == pytest.approx((0.0, 0.0, -0.25 * math.pi))
     still = [fix(t, 1.0, 2.0) for t in range(30)]
     assert replayed(MadeUpLog(still)).start == (1.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize("course", [0.0, 0.5 * math.pi, -2.0])
+def test_estimators_start_where_the_reference_frame_is(course: float) -> None:
+    ahead = np.array([math.cos(course), math.sin(course)])
+    left = np.array([-ahead[1], ahead[0]])
+    start = np.array([100.0, 50.0])
+    places = [start + SPEED * t * ahead + 1.5 * ahead - 0.4 * left for t in range(9)]
+    sent = [fix(t, *place.tolist(), speed_m_s=SPEED, course_rad=course) for t, place in enumerate(places)]
+    told = read_settings(["vehicle.antenna_xyz_m=[1.5, -0.4, 2.0]"])
+    choices = choose([], plugins={"walk": partial(AdaptedEstimator, Walk)})
+    found = replay_log(MadeUpLog(sent), choices, settings=told)
+    assert found.start == pytest.approx((100.0, 50.0, course))
+    assert result_of(found)["log"]["start_e_n_heading"] == list(found.start)
 
 
 def test_an_antenna_off_the_reference_frame_is_compared_as_antenna() -> None:

@@ -46,6 +46,19 @@ def test_an_error_along_the_track_is_none_across_it() -> None:
     assert found["cross_track.max_abs_error_m"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_beside_the_lines_a_bias_is_a_mean_and_a_wave_is_spread() -> None:
+    """A wave of amplitude a about a bias: a / sqrt(2) about the mean, 2 a from end to end, whichever way it goes."""
+    scenario = guided()
+    truth = driven(scenario)
+    wave = 0.3 * np.sin(2.0 * np.pi * truth.column(EAST)[:, 0] / 5.0)
+    found = figures(scenario, truth, estimate_of(truth, 0.0, wave - 2.0))
+    assert found["line.mean_error_m"] == pytest.approx(-2.0, abs=0.01)
+    assert found["line.abs_mean_error_m"] == pytest.approx(2.0, abs=0.01)
+    assert found["line.sd_error_m"] == pytest.approx(0.3 / math.sqrt(2.0), rel=0.02)
+    assert found["line.max_abs_deviation_m"] == pytest.approx(0.3, rel=0.06)
+    assert found["line.span_m"] == pytest.approx(0.6, rel=0.06)
+
+
 def test_lag_in_a_curve_is_little_across_the_track() -> None:
     """A point that lags by d lies on the driven arc; it is the chord's offset d^2 / 2R that a tangent would show."""
     scenario = guided([{"straight_m": 10.0}, {"turn_deg": 300.0, "radius_m": 10.0}])

@@ -45,7 +45,9 @@ def replay_any(what: Path, options: LogOptions) -> int:
         BadInputError: it is none of these, or an option is for a log only.
     """
     trial = what.suffix == ".mat"
-    if not trial and what.exists() and (options.mapping is not None or not what.is_dir()):
+    if not what.exists():
+        raise BadInputError(f"{what}: no such file or folder")
+    if not trial and (options.mapping is not None or not what.is_dir()):
         return _replay_file(what, options)
     for name in ("reference", "mapping", "origin", "out"):
         if getattr(options, name) is not None:

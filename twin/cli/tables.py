@@ -14,6 +14,7 @@ from twin.families import FAMILIES
 from twin.formats.can import BusLoad
 from twin.scenario import Scenario
 from twin.scoring import Repetitions
+from twin.scoring.guidance import HEADLINES as GUIDANCE_HEADLINES
 from twin.scoring.repetitions import Spread
 
 if TYPE_CHECKING:
@@ -25,8 +26,11 @@ _SEEDS = (
     "seeds.quality_of_feed_percent",
     "seeds.precision_percent",
 )
-_GUIDANCE = ("pass_to_pass.rms_m", "pass_to_pass.p95_m", *(f"coverage.{kind}_percent" for kind in ("overlap", "skip")))
-_HEADLINES = {*_SEEDS, *_GUIDANCE, *(family.metric(figure, "") for family in FAMILIES for figure in family.shown)}
+_HEADLINES = {
+    *_SEEDS,
+    *GUIDANCE_HEADLINES,
+    *(family.metric(figure, "") for family in FAMILIES for figure in family.shown),
+}
 _SUMMARY = tuple(
     family.metric(figure, "")
     for family in sorted(FAMILIES, key=lambda family: family.summary_rank)

@@ -25,7 +25,7 @@ import importlib
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, Protocol, cast
 
 import numpy as np
@@ -194,23 +194,28 @@ def load_class(spec: str) -> EstimatorClass:
     )
 
 
+def registered() -> dict[str, EntryPoint]:
+    """What other packages have registered in the entry-point group, by name."""
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
+
+
 def load_entry_point(name: str) -> EstimatorClass:
     """Load the class that is registered under ``name`` in the entry-point group ``twin.estimators``.
 
     Raises:
         BadInputError: nothing is registered under that name, or it cannot be imported.
     """
-    registered = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
-    if name not in registered:
-        known = ", ".join(sorted(registered)) or "none"
+    points = registered()
+    if name not in points:
+        known = ", ".join(sorted(points)) or "none"
         raise BadInputError(
             f"estimator plug-in {name!r}: not in the entry-point group {ENTRY_POINTS!r}; known: {known}"
         )
     try:
-        loaded = registered[name].load()
+        loaded = points[name].load()
     except (ImportError, AttributeError) as error:
-        raise BadInputError(f"estimator plug-in {name!r}: cannot load {registered[name].value!r} ({error})") from error
-    return _a_class(loaded, f"estimator plug-in {name!r}: {registered[name].value!r} is not a class")
+        raise BadInputError(f"estimator plug-in {name!r}: cannot load {points[name].value!r} ({error})") from error
+    return _a_class(loaded, f"estimator plug-in {name!r}: {points[name].value!r} is not a class")
 
 
 def _a_class(loaded: Any, complaint: str) -> EstimatorClass:

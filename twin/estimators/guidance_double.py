@@ -9,6 +9,9 @@ Each is a switch here:
   difference of two wheel encoders over their mean and the track;
 * ``"planned_track"``: the planned track and alternate hypotheses, below.
 
+With the printed eq 11 the double filter's straight is a line fitted to all fixes since the last bend
+(:mod:`twin.estimators.guidance_kinematic_models`): smooth, and off the way of a hand that steers.
+
 The first two compare a curvature, smoothed, with two thresholds: a curve begins at the radius ``enter_radius_m``
 and ends at ``leave_radius_m``. Bends of a field are of 60 m or less, and a straight driven by hand is straight to
 1 / 500 m; one degree of error of the steering angle makes 1 / 140 m on a wheelbase of 2.5 m.

@@ -21,32 +21,36 @@ error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coas
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from twin.config import Config, NonNegative, Positive
-from twin.errors import BadInputError
-from twin.estimators.engines import Engine, EngineName, Observation, innovation, make_engine
+from twin.config import Positive
+from twin.estimators.engines import (
+    AboutState,
+    Engine,
+    EngineOption,
+    Observation,
+    compiled_unless_told,
+    innovation,
+    make_engine,
+)
 from twin.estimators.guidance_base import STATE_COLUMNS, GuidanceOutput, SteeredConfig, guidance_sensors, transported
 from twin.estimators.guidance_filter_core import Core, GatesConfig
 from twin.estimators.guidance_filter_inputs import Inputs, Span
+from twin.estimators.guidance_filter_kernels import told_state
 from twin.estimators.guidance_filter_model import (
     PSI,
     AntennaSeen,
-    B,
-    E,
     Layout,
-    MotionNoise,
-    N,
     SpanMotion,
     StandingRate,
     SteeredRate,
     V,
     VelocitySeen,
 )
+from twin.estimators.guidance_filter_noise import MachineNoise, NoiseConfig
 from twin.estimators.guidance_filter_receiver import FixErrors
 from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
@@ -78,52 +82,12 @@ _SHORT_NS = 200_000_000
 """Speed and rate of turn of the moment are means over so long."""
 _SPEED_NS = 400_000_000
 """The speed that is told is one over so long, so that single slots do not show."""
+_SPEED_CHANGE_M_S2, _TURN_CHANGE_RAD_S = 0.1, 0.05
+"""So much may speed and heading have changed per second since wheels and gyro were heard, 1 sigma; a choice: a machine
+may start, stop or turn in between two samples a second apart, and mostly does not."""
 _RATES = (YAW_GYRO, IMU, ODOMETRY)
 _SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
 """In the order in which they are preferred."""
-_ROUNDING_S = 3.0
-"""A gyro's rounding stays the same for so long on a machine that weaves; a choice."""
-_ROUNDING_STANDING_S = 100.0
-"""The same while it stands: an offset of less than a step is never seen."""
-
-
-class NoiseConfig(Config):
-    """What no data sheet says, 1 sigma; choices."""
-
-    gyro_rad_s: Positive = 0.003
-    """Noise of a sample of a gyro whose data sheet is silent."""
-    gyro_bias_rad_s: Positive = 0.02
-    """Its offset at the start."""
-    gyro_bias_walk_rad_s_rts: Positive = 5e-5
-    """Walk of the offset of a gyro whose data sheet is silent."""
-    gyro_scale_ratio: NonNegative = 0.01
-    """Its scale error."""
-    turn_rad_s: Positive = 0.15
-    """Rate of turn of a machine without a gyro."""
-    turn_s: Positive = 2.0
-    """How long that lasts."""
-    acceleration_m_s2_rthz: Positive = 1.0
-    """Speed of a machine without a sensor of it walks by so much in a second."""
-    slip_ratio: Positive = 0.01
-    """Slip of the moment against the speed."""
-    slip_s: Positive = 2.0
-    """How long that lasts."""
-    speed_scale_ratio: Positive = 0.05
-    """Rolling radius and steady slip: scale of the told speed."""
-    speed_scale_walk_rts: NonNegative = 0.001
-    """Its walk while driving, per root of a second: other soil, other load."""
-    walk_m_rtm: NonNegative = 0.01
-    """Walk of the position per root of a metre: wheels that do not roll where they point."""
-    steering_rad: Positive = 0.03
-    """Of a mean steering angle against the way that is driven: slip angles, play."""
-    steering_offset_rad: Positive = 0.03
-    """Offset of the steering angle, where the data sheet is silent."""
-    start_heading_rad: Positive = 0.1
-    """Of the heading at the start, as set out by the owner."""
-    sway_rad: NonNegative = 0.01
-    """Tilt of the machine: it moves the antenna by that times its height."""
-    velocity_m_s: Positive = 0.1
-    """Of a receiver's velocity, each axis, where the data sheet is silent."""
 
 
 class GuidanceFilterConfig(SteeredConfig):
@@ -132,8 +96,8 @@ class GuidanceFilterConfig(SteeredConfig):
     kind: Literal["guidance_filter"]
     frame: Literal["relative", "absolute"] = "relative"
     """Which position is told."""
-    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
-    """Kalman engine; auto: filterpy for a single run."""
+    engine: EngineOption = "auto"
+    """Kalman engine; auto: ensemble, whose compiled loops are quicker for a single run, too."""
     velocity: bool = True
     """Use the receiver's speed and course."""
     steering: bool = True
@@ -155,11 +119,6 @@ class GuidanceFilter:
     state_columns: tuple[str, ...] = STATE_COLUMNS
 
     def __init__(self, config: GuidanceFilterConfig, setup: EstimatorSetup) -> None:
-        if config.engine == "filterpy" and setup.runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs}; "
-                "allowed: auto, ensemble"
-            )
         infos = guidance_sensors(setup, estimator=KIND)
         self._config, self._runs = config, setup.runs
         self._reference_x_m = setup.reference_x_m
@@ -178,10 +137,14 @@ class GuidanceFilter:
             jumps=self._errors.jumps,
             anchor=config.frame == "relative",
         )
-        self._build_noise(infos)
-        name: EngineName = "filterpy" if setup.runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
+        steering_info = None if self._steering is None else self._steering.info
+        rate_info = None if self._rate is None else self._rate.info
+        self.noise = MachineNoise(config.noise, self.layout, rate=rate_info, steering=steering_info)
+        sheet = infos[GNSS].datasheet
+        self._velocity_m_s = sheet.get("speed_noise_m_s", 0.0) or config.noise.velocity_m_s
+        self._velocity_ratio = sheet.get("speed_noise_ratio", 0.0)
+        self._lag_s = sheet.get("velocity_lag_s", 0.0)
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         nothing = np.zeros((setup.runs, self.layout.size))
         flat = np.repeat(np.eye(self.layout.size)[np.newaxis], setup.runs, axis=0)
         self.engine, self._tip = make_engine(name, nothing, flat), make_engine(name, nothing, flat)
@@ -190,7 +153,7 @@ class GuidanceFilter:
             self.engine,
             self.layout,
             antenna,
-            start_variances=self._start_variances,
+            start_variances=self.noise.start_variances,
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
             jump_s=self._errors.jump_s,
@@ -225,43 +188,6 @@ class GuidanceFilter:
         self._slot_variance = 0.0
         if isinstance(self._speed, EncoderReader):  # the mean of two counts, each rounded twice
             self._slot_variance = (self._speed.slot_m / (_SPEED_NS / NS_PER_S)) ** 2 / 12.0
-
-    def _build_noise(self, infos: dict[str, SensorInfo]) -> None:
-        noise = self._config.noise
-        self._gyro = _Gyro.of(None if self._rate is None else self._rate.info, noise)
-        self.motion_noise = MotionNoise(
-            heading_rad_rts=self._gyro.walk_rad_rts,
-            bias_rad_s_rts=self._gyro.bias_walk,
-            turn_rad_s=noise.turn_rad_s,
-            turn_s=noise.turn_s,
-            acceleration_m_s2_rthz=noise.acceleration_m_s2_rthz,
-            slip_ratio=noise.slip_ratio,
-            slip_s=noise.slip_s,
-            scale_rts=noise.speed_scale_walk_rts,
-            walk_m_rtm=noise.walk_m_rtm,
-        )
-        sheet = infos[GNSS].datasheet
-        self._velocity_m_s = sheet.get("speed_noise_m_s", 0.0) or noise.velocity_m_s
-        self._velocity_ratio = sheet.get("speed_noise_ratio", 0.0)
-        self._lag_s = sheet.get("velocity_lag_s", 0.0)
-        offset = noise.steering_offset_rad
-        if self._steering is not None:
-            offset = math.hypot(self._steering.info.datasheet.get("offset_sigma_rad", offset), 0.5 * offset)
-        self._steering_offset = offset
-
-    def _start_variances(self) -> FloatArray:
-        layout, noise = self.layout, self._config.noise
-        variances = np.zeros(layout.size)
-        variances[PSI] = noise.start_heading_rad**2
-        variances[B] = self._gyro.bias**2 if layout.has_rate else noise.turn_rad_s**2
-        variances[V] = 1e-4 if layout.has_speed else 1.0
-        if layout.scale is not None:
-            variances[layout.scale] = noise.speed_scale_ratio**2
-        if layout.gyro_scale is not None:
-            variances[layout.gyro_scale] = self._gyro.scale**2
-        if layout.steering is not None:
-            variances[layout.steering] = self._steering_offset**2
-        return variances
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -315,7 +241,7 @@ class GuidanceFilter:
             span = self.inputs.span(first, last)
             motion = SpanMotion(
                 self.layout,
-                self.motion_noise,
+                self.noise.motion,
                 span,
                 receiver=self.core.receiver,
                 turning=self._turning(engine.x, span),
@@ -332,7 +258,7 @@ class GuidanceFilter:
         """What gyro and steering say beside moving the filter, once per fix."""
         started = self.core.started
         if self.layout.has_rate and span.standing.any():
-            variance = (self._gyro.walk_noise**2 + self._gyro.rounding**2 * _ROUNDING_STANDING_S) / span.dt_s
+            variance = self.noise.gyro.standing_variance / span.dt_s
             mask = started & span.standing & span.rate_known
             self.engine.update(
                 StandingRate(self.layout), span.rate[:, np.newaxis], mask, np.full((self._runs, 1), variance)
@@ -344,7 +270,7 @@ class GuidanceFilter:
         mask &= span.rate_known | (not self.layout.has_rate)
         bend = 1.0 + np.square(np.tan(np.clip(span.steering, -1.2, 1.2)))
         loose = np.square(self._config.noise.steering_rad * bend * speed / self._wheelbase_m)
-        variance_of = (loose + self._gyro.walk_noise**2 / span.dt_s)[:, np.newaxis]
+        variance_of = (loose + self.noise.gyro.walk_noise**2 / span.dt_s)[:, np.newaxis]
         seen = SteeredRate(self.layout, span, wheelbase_m=self._wheelbase_m)
         nis = self._update_robustly(seen, span.rate[:, np.newaxis], mask, variance_of)
         self._output.news.put("nis_steering", nis, mask)
@@ -405,6 +331,7 @@ class GuidanceFilter:
     def _update_robustly(self, seen: Observation, z: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
         """Update; what is beyond the gate weighs no more than if it were at it. Return the normalised innovation."""
         gate = self._config.gates.sigmas**2
+        seen = AboutState(seen, self.engine.x)
         nis = innovation(self.engine, seen, z, R).nis
         R = R * np.maximum(nis / gate, 1.0)[:, np.newaxis] ** 2
         self.engine.update(seen, z, mask, R)
@@ -432,61 +359,23 @@ class GuidanceFilter:
         return self._tell(t_ns, x, P)
 
     def _tell(self, t_ns: int, x: FloatArray, P: FloatArray) -> Estimate:
-        layout, runs = self.layout, self._runs
+        layout = self.layout
         span = self.inputs.span(t_ns - _SPEED_NS, t_ns)
-        moving = np.where(span.standing, 0.0, 1.0)
-        T = np.zeros((runs, 4, layout.size))
-        T[:, 0, E] = T[:, 1, N] = T[:, 2, PSI] = 1.0
-        T[:, 3, V] = moving
-        speed = span.speed + x[:, V]
-        if layout.scale is not None:
-            T[:, 3, layout.scale] = moving * span.speed
-            speed = speed + span.speed * x[:, layout.scale]
-        state = np.column_stack([x[:, E], x[:, N], x[:, PSI], moving * speed])
-        relative = T.copy()
-        covariance = np.einsum("rij,rjk,rlk->ril", T, P, T)
-        covariance[:, 3, 3] += self._slot_variance * moving
-        if layout.anchor is not None:
-            anchor = x[:, layout.anchor : layout.anchor + 2]
-            state[:, :2] += anchor
-            covariance[:, :2, :2] += anchor[:, :, np.newaxis] * anchor[:, np.newaxis, :]
-            relative[:, 0, layout.anchor] = relative[:, 1, layout.anchor + 1] = 1.0
-        alike = np.einsum("rij,rjk,rik->ri", relative[:, :2], P, relative[:, :2])
+        state, covariance, alike = told_state(
+            np.ascontiguousarray(x), np.ascontiguousarray(P), layout.places, span.speed, span.standing
+        )
+        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._slot_variance)
+        for place, of, change in (
+            (3, self.inputs.speed, _SPEED_CHANGE_M_S2),
+            (2, self.inputs.rate, _TURN_CHANGE_RAD_S),
+        ):
+            age_s = 0.0 if of is None or of.newest_ns is None else max(t_ns - of.newest_ns, 0) / NS_PER_S
+            covariance[:, place, place] += (change * age_s) ** 2
         state, covariance = transported(state, covariance, self._reference_x_m, 0.0)
         coasting = t_ns - self._accepted_ns > round(self._config.coasting_s * NS_PER_S)
         mode = np.where(self.core.doubting, 3.0, np.where(coasting, 2.0, 1.0))
         unknown = ~self.core.started
-        state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
+        if unknown.any():
+            state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
         extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode])
         return self._output.estimate(t_ns, state, covariance, extra=extra)
-
-
-class _Gyro:
-    """Noise of a gyro, from its data sheet."""
-
-    def __init__(self, *, walk_noise: float, bias: float, bias_walk: float, scale: float, rounding: float) -> None:
-        self.walk_noise, self.bias, self.bias_walk = walk_noise, bias, bias_walk
-        self.scale, self.rounding = scale, rounding
-
-    @property
-    def walk_rad_rts(self) -> float:
-        """Angle random walk, with the rounding."""
-        return math.sqrt(self.walk_noise**2 + self.rounding**2 * _ROUNDING_S)
-
-    @classmethod
-    def of(cls, info: SensorInfo | None, noise: NoiseConfig) -> _Gyro:
-        """Read the data sheet of an inertial unit or a yaw gyro."""
-        sheet = {} if info is None else info.datasheet
-        prefix = "gyro_" if info is not None and info.kind == IMU else ""
-        period_s = 1.0 if info is None else 1.0 / info.rate_hz
-        sample = sheet.get(f"{prefix}noise_rad_s", 0.0) or noise.gyro_rad_s
-        wander = 2.0 * sheet.get(f"{prefix}bias_instability_rad_s", 0.0) ** 2
-        wander /= sheet.get(f"{prefix}bias_correlation_s", 100.0)
-        wander += sheet.get(f"{prefix}bias_random_walk_rad_s_rts", 0.0) ** 2
-        return cls(
-            walk_noise=sample * math.sqrt(period_s),
-            bias=sheet.get(f"{prefix}bias_rad_s", 0.0) or noise.gyro_bias_rad_s,
-            bias_walk=math.sqrt(wander) or noise.gyro_bias_walk_rad_s_rts,
-            scale=sheet.get(f"{prefix}scale_error_ratio", noise.gyro_scale_ratio),
-            rounding=sheet.get("resolution_rad_s", 0.0) / math.sqrt(12.0),
-        )

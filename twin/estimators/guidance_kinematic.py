@@ -26,8 +26,7 @@ from typing import Literal
 import numpy as np
 
 from twin.config import Config, Names, NonNegative, Positive
-from twin.errors import BadInputError
-from twin.estimators.engines import EngineName
+from twin.estimators.engines import EngineOption, compiled_unless_told
 from twin.estimators.guidance_double import (
     CourseRateSwitch,
     ModelSwitch,
@@ -35,6 +34,7 @@ from twin.estimators.guidance_double import (
     SensorSwitch,
     SwitchConfig,
 )
+from twin.estimators.guidance_kinematic_kernels import velocity_sigmas
 from twin.estimators.guidance_kinematic_models import A_, P_, V_, ProcessNoise
 from twin.estimators.guidance_kinematic_output import AntennaPose
 from twin.estimators.guidance_kinematic_receiver import Fix, Receiver, StandingStart
@@ -83,8 +83,8 @@ class GuidanceKinematicConfig(Config):
     paper does not say what it does."""
     switch: SwitchConfig = SwitchConfig()
     """The double filter's choice."""
-    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
-    """Kalman engine; auto: filterpy for a single run."""
+    engine: EngineOption = "auto"
+    """Kalman engine; auto: ensemble, whose compiled loops are quicker for a single run, too."""
 
 
 class GuidanceKinematic:
@@ -117,14 +117,7 @@ class GuidanceKinematic:
 
     def _make_track(self, setup: EstimatorSetup) -> KinematicTrack:
         config = self._config
-        name: EngineName = "filterpy" if setup.runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
-        if name == "filterpy" and setup.runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs};"
-                " allowed: auto, ensemble"
-            )
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         noise = ProcessNoise(
             velocity=config.velocity_variance,
             acceleration=config.acceleration_variance,
@@ -210,23 +203,18 @@ class GuidanceKinematic:
         place = self._pose.place(antenna, heading)[:, :axes]
         variances = np.where(started[:, np.newaxis], P[:, :, 0, 0], self._start.covariance)[:, :axes]
         variances = np.where(np.isfinite(place), variances, np.nan)
-        turned = np.where(started, self._turned(x, P, speed), np.nan)
+        turned = np.where(started[:, np.newaxis], self._turned(x, P, speed), np.nan)
         values = np.column_stack(
             [place, heading, np.where(started, speed, 0.0), self._news, 1.0 * (self._track.curved & started)]
         )
         sigmas = np.full(values.shape, np.nan)
         sigmas[:, :axes] = np.sqrt(variances)
-        sigmas[:, axes : axes + 2] = turned.T
+        sigmas[:, axes : axes + 2] = turned
         self._news = np.full_like(self._news, np.nan)
         return Estimate(t_ns=t_ns, values=values, sigmas=sigmas, covariance=variances[:, :, np.newaxis] * np.eye(axes))
 
     @staticmethod
     def _turned(x: FloatArray, P: FloatArray, speed: FloatArray) -> FloatArray:
-        """Sigmas (2, R) of heading and speed, NaN where the filter states a negative variance."""
-        course = np.arctan2(x[:, 4], x[:, 3])
-        share = np.cos(course) ** 2
-        east, north = P[:, 0, 1, 1], P[:, 1, 1, 1]
-        across, along = (1.0 - share) * east + share * north, share * east + (1.0 - share) * north
-        sigmas = np.sqrt(np.where(np.stack([across, along]) >= 0.0, np.stack([across, along]), np.nan))
-        sigmas[0] = np.minimum(sigmas[0] / np.maximum(np.abs(speed), 1e-3), np.pi)
-        return sigmas
+        """Sigmas (R, 2) of heading and speed, NaN where the filter states a negative variance."""
+        level = P[:, :2, 1, 1]  # of the velocity east and north, which do not see one another
+        return velocity_sigmas(np.ascontiguousarray(x[:, V_][:, :2]), level[:, :, np.newaxis] * np.eye(2), speed)

@@ -32,6 +32,7 @@ from typing import Literal
 
 import numpy as np
 
+from twin.estimators.guidance_kinematic_kernels import axes_transition
 from twin.signals import BoolArray, FloatArray
 
 AXES = 3
@@ -116,12 +117,16 @@ class KinematicMotion:
 
     def axis_noise(self, dt_s: FloatArray) -> FloatArray:
         """C_ww of one axis over ``dt_s`` (R,), each member by its model, (R, 3, 3)."""
+        if not self.curved.any():
+            return self._noise.of_straight(dt_s)
+        if self.curved.all():
+            return self._noise.of_curve(dt_s)
         which = self.curved[:, np.newaxis, np.newaxis]
         return np.where(which, self._noise.of_curve(dt_s), self._noise.of_straight(dt_s))
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """State (R, 9) after each member's interval, and the transition (R, 9, 9)."""
-        F = on_axes(transition(self.intervals_s))
+        F = axes_transition(self.intervals_s)
         return np.matmul(F, x[:, :, np.newaxis])[:, :, 0], F
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: ARG002, N802
@@ -144,13 +149,6 @@ class PositionSeen:
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
         """Jacobian, (3, 9)."""
         return self._H
-
-
-def per_axis(P: FloatArray) -> FloatArray:
-    """The three axes' own covariances (R, 3 axes, 3, 3) of P (R, 9, 9); between the axes there is none."""
-    blocks = P.reshape(len(P), 3, AXES, 3, AXES)
-    own: FloatArray = np.einsum("riaja->raij", blocks)
-    return own
 
 
 def steady_gain(F: FloatArray, Q: FloatArray, r: float) -> FloatArray:

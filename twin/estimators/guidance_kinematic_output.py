@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.geometry import wrap_angle
+from twin.estimators.guidance_kinematic_kernels import turned_antenna
 from twin.signals import BoolArray, FloatArray
 
 SLOW_M_S = 0.5
@@ -37,16 +37,16 @@ class AntennaPose:
 
         Where ``known`` (R,) is False, or the antenna is slow, the heading is the one last known.
         """
-        along = np.hypot(velocity[:, 0], velocity[:, 1])
-        fast = known & (along >= SLOW_M_S) & ~self._stands
-        safe = np.where(fast, along, 1.0)
-        turning = (velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]) / safe**2
-        omega = np.where(fast, np.clip(turning, -_TIGHTEST_1_M * safe, _TIGHTEST_1_M * safe), 0.0)
-        inwards = np.arcsin(np.clip(omega * self._forward / safe, -0.9, 0.9))
-        course = np.arctan2(velocity[:, 1], velocity[:, 0])
-        heading = np.where(fast, wrap_angle(course - inwards), self.heading)
-        speed: FloatArray = along * np.cos(inwards) + omega * self._left
-        return heading, speed
+        return turned_antenna(
+            np.ascontiguousarray(velocity),
+            np.ascontiguousarray(acceleration),
+            known & ~self._stands,
+            self.heading,
+            self._forward,
+            self._left,
+            SLOW_M_S,
+            _TIGHTEST_1_M,
+        )
 
     def hear(self, speed: FloatArray, new: BoolArray) -> None:
         """Take the speed (R,) that the receiver tells with a new fix; NaN where it tells none."""

@@ -31,6 +31,7 @@ from twin.estimators.height_filter_model import B0, B1, C, Layout, SlowError, Sp
 from twin.estimators.height_filter_profile import ALIGNMENT, TRIM, ProfileAid
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_samples import AccelerationHistory
+from twin.estimators.height_filter_surface import DIFFERENCE, SurfaceAid
 from twin.estimators.height_filter_tilt import LevelFilter
 from twin.estimators.held_height import AHRS
 from twin.estimators.roles import GNSS
@@ -73,6 +74,8 @@ class HeightFilterConfig(Config):
     """Learn the AHRS's attitude error, which leaks into Up, from the receiver's level velocity."""
     profile: bool = True
     """Use the ground's profile, if there are an AHRS on the carrier and a transducer of the implement's stroke."""
+    surface: bool = False
+    """Use the ground that the blade has cut before, where the rear axle comes by; needs the transducer and ``tilt``."""
     working_speed_m_s: Positive = 1.0
     """How fast the machine moves level, 1 sigma: all that is known of it while the receiver says nothing."""
     bias_walk_m_s2_rts: NonNegative = 0.0
@@ -113,8 +116,13 @@ class HeightFilter:
         kept_s = config.history_s + max(_LAGS * self._lag_s, 0.2) + 0.2
         carrier = _carrier(setup) if config.profile else None
         pitch = None if carrier is None else _tilt(carrier[0])
-        self._motion = _motion(config, ahrs, self._receiver, pitch, runs=runs)
+        stroke = _stroke(setup, tilt=_follows_tilt(config, ahrs, self._receiver)) if config.surface else None
+        self._motion = _motion(config, ahrs, self._receiver, pitch, surface=stroke is not None, runs=runs)
         self._profile = None if carrier is None else ProfileAid(*carrier, ahrs, setup)
+        self._surface: SurfaceAid | None = None
+        if stroke is not None:
+            fix = _fix_error(self._receiver)
+            self._surface = SurfaceAid(stroke, ahrs, setup, fix=fix, later_s=config.history_s)
         self._attitude_sigma = ahrs.datasheet.get("attitude_sigma_rad", 0.0)
         self._history = AccelerationHistory(
             ahrs,
@@ -132,6 +140,7 @@ class HeightFilter:
             self._motion,
             level=self._level_filter(ahrs, name) if self._motion.layout.tilt is not None else None,
             profile=self._profile,
+            surface=self._surface,
             receiver=self._receiver,
             gates=config.gates,
         )
@@ -143,9 +152,11 @@ class HeightFilter:
         """Samples of the last moments; before each, the time up to which all was taken in, and what was known then."""
         self._reference_now: tuple[int, FloatArray, FloatArray] | None = None
         self._nis: dict[str, FloatArray] = {}
+        self._stroke = None if stroke is None else stroke.name
         self._carried = frozenset(() if carrier is None else (info.name for info in carrier))
         nis = ("nis_fix", *(() if self._receiver.speed is None else ("nis_vertical_speed",)))
         nis += () if self._profile is None else ("nis_profile",)
+        nis += () if self._surface is None else ("nis_surface",)
         self.columns: tuple[str, ...] = (*self.state_columns, "accel_bias_m_s2", "mode", *nis)
 
     def _level_filter(self, ahrs: SensorInfo, engine: EngineName) -> LevelFilter:
@@ -171,6 +182,8 @@ class HeightFilter:
         role = self._names.get(measurement.sensor)
         if self._profile is not None and (role == AHRS or measurement.sensor in self._carried):
             self._profile.hear(measurement)
+        if self._surface is not None and (role == AHRS or measurement.sensor == self._stroke):
+            self._surface.hear(measurement)
         if role == AHRS:
             if self._history.hear(measurement):
                 self._follow_reference(measurement.t_ns)
@@ -229,7 +242,7 @@ class HeightFilter:
             behind += self._history.lagged(t_ns, self._lag_s)
         self.branches.hear(
             reading,
-            arm_m=self._history.antenna(t_ns)[2],
+            antenna_m=self._history.antenna(t_ns),
             behind_m_s=behind,
             heading_rad=self._history.attitude[2],
         )
@@ -322,12 +335,18 @@ def _carrier(setup: EstimatorSetup) -> tuple[SensorInfo, SensorInfo] | None:
 
 
 def _motion(
-    config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiver, pitch: SlowError | None, *, runs: int
+    config: HeightFilterConfig,
+    ahrs: SensorInfo,
+    receiver: HeightReceiver,
+    pitch: SlowError | None,
+    *,
+    surface: bool,
+    runs: int,
 ) -> SpanMotion:
     """The model, with the errors of the data sheets; ``pitch`` is that of the AHRS on the carrier."""
     sheet, fix, speed = ahrs.datasheet, receiver.fix, receiver.speed
     attitude = _tilt(ahrs)
-    tilt = config.tilt and receiver.has_level_velocity and attitude.sigma > 0.0
+    tilt = _follows_tilt(config, ahrs, receiver)
     layout = Layout.of(
         drift=fix.age_drift_m_s > 0.0,
         coarse=config.coarse_positions,
@@ -335,6 +354,7 @@ def _motion(
         leak=attitude.sigma > 0.0 and not tilt,
         tilt=tilt,
         pitch=pitch is not None,
+        surface=surface,
     )
     errors = {
         B1: SlowError(
@@ -356,6 +376,8 @@ def _motion(
     if layout.pitch is not None and pitch is not None:
         states = (pitch, TRIM, ALIGNMENT) if tilt else (pitch, TRIM)
         errors.update(enumerate(states, start=layout.pitch))
+    if layout.surface is not None:
+        errors.update(enumerate((DIFFERENCE, _fix_error(receiver)), start=layout.surface))
     offset = float(np.hypot(sheet.get("free_accel_bias_m_s2", _OFFSET_M_S2), leak))
     walk = float(np.hypot(config.bias_walk_m_s2_rts, sheet.get("free_accel_trend_m_s3", 0.0) * math.sqrt(_TREND_S)))
     return SpanMotion(layout, errors, offset_sigma=offset, offset_walk=walk, runs=runs)
@@ -367,3 +389,23 @@ def _tilt(ahrs: SensorInfo) -> SlowError:
     return SlowError(
         sigma=sheet.get("attitude_sigma_rad", 0.0), correlation_s=sheet.get("attitude_correlation_s", 60.0)
     )
+
+
+def _follows_tilt(config: HeightFilterConfig, ahrs: SensorInfo, receiver: HeightReceiver) -> bool:
+    return config.tilt and receiver.has_level_velocity and _tilt(ahrs).sigma > 0.0
+
+
+def _fix_error(receiver: HeightReceiver) -> SlowError:
+    """The slow error of a fix's height."""
+    return SlowError(sigma=receiver.fix.correlated_m, correlation_s=receiver.fix.correlation_s)
+
+
+def _stroke(setup: EstimatorSetup, *, tilt: bool) -> SensorInfo:
+    """Transducer of the stroke of the implement."""
+    found = [each for each in setup.sensors.values() if each.kind == TRANSDUCER]
+    if len(found) != 1 or not tilt:
+        raise BadInputError(
+            f"[estimators.{setup.name}] surface: the surface just passed needs one {TRANSDUCER!r}, but there are "
+            f"{len(found)}, and the tilt to be followed: tilt = true, and a receiver with level velocity"
+        )
+    return found[0]

@@ -44,6 +44,7 @@ from twin.estimators.height_filter_model import (
 )
 from twin.estimators.height_filter_profile import ProfileAid, ProfileState
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
+from twin.estimators.height_filter_surface import SurfaceAid, SurfaceState
 from twin.estimators.height_filter_tilt import LevelFilter, LevelSnapshot
 from twin.signals import LEVEL_WITHIN_M, NS_PER_S, BoolArray, FloatArray, IntArray
 
@@ -114,7 +115,16 @@ class Beliefs:
         return cls(never, never, no, unknown, unknown, no, no, never, never, unknown, never, never)
 
 
-Snapshot = tuple[FloatArray, FloatArray, FloatArray, FloatArray, Beliefs, LevelSnapshot | None, ProfileState | None]
+Snapshot = tuple[
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    Beliefs,
+    LevelSnapshot | None,
+    ProfileState | None,
+    SurfaceState | None,
+]
 
 
 class Branches:
@@ -128,11 +138,12 @@ class Branches:
         *,
         level: LevelFilter | None,
         profile: ProfileAid | None = None,
+        surface: SurfaceAid | None = None,
         receiver: HeightReceiver,
         gates: GatesConfig,
     ) -> None:
         self.held, self.candidate, self.motion, self.level = held, candidate, motion, level
-        self.profile = profile
+        self.profile, self.surface = profile, surface
         self.beliefs = Beliefs.none(len(held.x))
         self.nis: dict[str, FloatArray] = {}
         """Normalised innovation squared (R,) of the last samples against the held branch, before gating."""
@@ -166,11 +177,14 @@ class Branches:
         """All that is known; nothing is copied, since nothing changes in place."""
         level = None if self.level is None else self.level.snapshot()
         profile = None if self.profile is None else self.profile.state
-        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs, level, profile
+        surface = None if self.surface is None else self.surface.state
+        return self.held.x, self.held.P, self.candidate.x, self.candidate.P, self.beliefs, level, profile, surface
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to what was known."""
-        held_x, held_P, candidate_x, candidate_P, self.beliefs, level, profile = snapshot
+        held_x, held_P, candidate_x, candidate_P, self.beliefs, level, profile, surface = snapshot
+        if self.surface is not None and surface is not None:
+            self.surface.restore(surface)
         if self.profile is not None and profile is not None:
             self.profile.restore(profile)
         if self.level is not None and level is not None:
@@ -191,14 +205,17 @@ class Branches:
 
     # --- what the receiver says --------------------------------------------------------------------------------------
 
-    def hear(self, reading: FixReading, *, arm_m: FloatArray, behind_m_s: FloatArray, heading_rad: FloatArray) -> None:
+    def hear(
+        self, reading: FixReading, *, antenna_m: FloatArray, behind_m_s: FloatArray, heading_rad: FloatArray
+    ) -> None:
         """Take a sample that is true now.
 
-        ``arm_m`` (R,) is how far the antenna is above the AHRS; ``behind_m_s`` (3, R) how much slower the receiver's
-        velocity is than the AHRS, which heads ``heading_rad`` (R,): by its own lag, and by the antenna's motion against
-        the AHRS.
+        ``antenna_m`` (3, R) is where the antenna is, seen from the AHRS; ``behind_m_s`` (3, R) how much slower the
+        receiver's velocity is than the AHRS, which heads ``heading_rad`` (R,): by its own lag, and by the antenna's
+        motion against the AHRS.
         """
         self.nis = {}
+        arm_m = antenna_m[2]
         self._drop_old_candidates(reading.t_ns)
         if self.level is not None:
             self.level.hear(reading, behind_m_s, heading_rad)
@@ -209,6 +226,9 @@ class Branches:
         self._hear_coarse(reading, arm_m)
         if reading.fixed.any():
             self._hear_fix(reading, arm_m)
+        if self.surface is not None and self.level is not None:
+            self.surface.follow(reading, antenna_m, behind_m_s)
+            self._hear_surface(self.surface, self.level.lean(), reading.t_ns)
 
     def _drop_old_candidates(self, t_ns: int) -> None:
         beliefs = self.beliefs
@@ -264,6 +284,21 @@ class Branches:
             if branch is self.held:
                 self.nis["profile"] = np.where(rise.known, np.square(y) / S, np.nan)
                 profile.learn(rise, y, S, tracking)
+
+    def _hear_surface(self, surface: SurfaceAid, lean: FloatArray, t_ns: int) -> None:
+        """Read the ground under the rear axle, into the held branch alone, and remember what the blade leaves."""
+        layout, held = self.motion.layout, self.held
+        tracking = t_ns - self.beliefs.used_ns <= self._unbroken_ns
+        ground = surface.read(lean)
+        if ground.known.any():
+            surface.begin((held, self.candidate), ground, layout)
+            observation = surface.observe(ground, layout)
+            y, S = observation.innovation(held.x, held.P, ground.height_m)
+            self.nis["surface"] = np.where(ground.known, np.square(y) / S, np.nan)
+            passed = ground.known & (np.square(y) <= self._gate * S)
+            held.update(observation, ground.height_m[:, np.newaxis], passed, surface.believed(ground, y, S))
+            surface.learn(ground, y, S, tracking)
+        surface.write(held.x, held.P, layout, tracking)
 
     def _hear_coarse(self, reading: FixReading, arm_m: FloatArray) -> None:
         place, beliefs, motion = self.motion.layout.coarse, self.beliefs, self.motion
@@ -377,6 +412,8 @@ class Branches:
         # a held height that would have told a wrong fix by a wavelength bears the new fixes out
         same_level = ~beliefs.contrary & (self._gate * S < 0.19**2)
         self._copy(self.candidate, self.held, won)
+        if self.surface is not None:
+            self.surface.forget(won & beliefs.contrary)
         self.beliefs = replace(
             beliefs,
             used_ns=np.where(won, t_ns, beliefs.used_ns),

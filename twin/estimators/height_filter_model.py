@@ -62,17 +62,38 @@ class Layout:
     """The level accelerometers' offsets, forwards and to the left."""
     pitch: int | None
     """The carrier's pitch error (rad), its trim, and, if there is a tilt, how the two AHRS are aligned."""
+    surface: int | None
+    """How much deeper wheels stand than the blade cut, and the error of what is known of that, m."""
     size: int
 
     @classmethod
-    def of(cls, *, drift: bool, coarse: bool, speed: bool, leak: bool, tilt: bool, pitch: bool = False) -> Layout:
+    def of(
+        cls,
+        *,
+        drift: bool,
+        coarse: bool,
+        speed: bool,
+        leak: bool,
+        tilt: bool,
+        pitch: bool = False,
+        surface: bool = False,
+    ) -> Layout:
         """Number the states that are wanted."""
         places: list[int | None] = []
         size = C + 1
-        for wanted, width in ((drift, 1), (coarse, 1), (speed, 1), (leak, 1), (tilt, 2), (pitch, 3 if tilt else 2)):
+        wanted_widths = (
+            (drift, 1),
+            (coarse, 1),
+            (speed, 1),
+            (leak, 1),
+            (tilt, 2),
+            (pitch, 3 if tilt else 2),
+            (surface, 2),
+        )
+        for wanted, width in wanted_widths:
             places.append(size if wanted else None)
             size += width if wanted else 0
-        drift_at, coarse_at, speed_at, leak_at, tilt_at, pitch_at = places
+        drift_at, coarse_at, speed_at, leak_at, tilt_at, pitch_at, surface_at = places
         return cls(
             drift=drift_at,
             coarse=coarse_at,
@@ -80,6 +101,7 @@ class Layout:
             leak=leak_at,
             tilt=tilt_at,
             pitch=pitch_at,
+            surface=surface_at,
             size=size,
         )
 

@@ -24,12 +24,9 @@ constants are learnt with RTK in full. What is left is white: the tyres (2 mm in
 another 1 mm in each), and the trim: how much deeper the rear wheels stand than the front ones. A trim that changes by
 0.5 mrad in a minute costs 15 mm in a minute.
 
-**The surface just passed** is not used. On ground levelled a lane ago, known to +-x, the wheels say where
-its axles are to x and to what the tyres sink, some 10 mm that change with the moisture; that would bound the error at
-about the hypotenuse of both however long the loss is, where this aid grows with the square root of time. It needs a map
-of what was levelled when, a position good to a wheel's width, which is what is lost with RTK (differential: 0.4 m), and
-a lane that was levelled by this machine, else its height is as unknown as before. With x = 15 mm it would pay after
-half a minute or so.
+**The surface just passed** is another aid (:mod:`twin.estimators.height_filter_surface`): it bounds the error for as
+long as a loss lasts, where this one's grows with the square root of time, but only where the machine comes along a line
+that its own blade has cut before.
 
 **Worth** on that field with paper 002's receiver, 28 s and 60 s after corrections stopped (fixes go on for 10 s), sigma
 and RMS error in mm of 100 members in 4 worlds: with everything 27 and 48 (26, 45); without vertical speed 30 and 55

@@ -23,6 +23,7 @@ FIXED = 4
 _COLUMNS = ("position_u_m", "sigma_u_m", "quality", "age_s")
 _VERTICAL_SPEED = "vertical_speed_m_s"
 _LEVEL = ("speed_m_s", "course_rad")
+_PLACE = ("position_e_m", "position_n_m")
 _DILUTION = "vdop"
 _PREFIXES: Mapping[int, str] = {5: "float", 2: "differential", 3: "differential", 1: "single"}
 _COARSE: Mapping[str, tuple[float, float]] = {
@@ -118,6 +119,10 @@ class FixReading:
     """(R,) of each."""
     level_known: BoolArray
     """(R,) with news."""
+    place_m: FloatArray
+    """(2, R) east and north."""
+    placed: BoolArray
+    """(R,) whether that is an RTK fix."""
 
 
 class HeightReceiver:
@@ -133,7 +138,7 @@ class HeightReceiver:
         self.fix = FixSheet.of(sheet)
         self.speed = SpeedSheet.of(sheet) if vertical_speed and _VERTICAL_SPEED in info.columns else None
         column_places(info, _COLUMNS, setup=setup)
-        wanted = (*_COLUMNS, _VERTICAL_SPEED, *_LEVEL, _DILUTION)
+        wanted = (*_COLUMNS, _VERTICAL_SPEED, *_LEVEL, *_PLACE, _DILUTION)
         self._places = {column: info.columns.index(column) for column in wanted if column in info.columns}
         self.has_level_velocity = all(column in self._places for column in _LEVEL)
         self._level_noise = sheet.get("speed_noise_m_s", 0.05), sheet.get("speed_noise_ratio", 0.0)
@@ -162,6 +167,8 @@ class HeightReceiver:
             speed_known = self._news(measurement, _VERTICAL_SPEED)
         level, level_known = self._level(measurement)
         diluted = np.maximum(self._diluted(column.get(_DILUTION), fixed), 1.0)
+        nowhere = np.full(runs, np.nan)
+        place = np.stack([column.get(name, nowhere) for name in _PLACE])
         return FixReading(
             t_ns=self._time_ns(measurement),
             height_m=np.where(news, column["position_u_m"] - self._design_m, 0.0),
@@ -180,6 +187,8 @@ class HeightReceiver:
             level_variance=np.square(diluted)
             * (self._level_noise[0] ** 2 + self._level_noise[1] ** 2 * np.square(level).sum(axis=0)),
             level_known=level_known,
+            place_m=place,
+            placed=news & fixed & np.isfinite(place).all(axis=0),
         )
 
     def _news(self, measurement: Measurement, name: str) -> BoolArray:

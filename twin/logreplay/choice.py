@@ -7,6 +7,7 @@ it with them, or those that its option ``sensors`` names; a user's own class hea
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +17,7 @@ from pydantic import BaseModel, ValidationError, create_model
 from twin.errors import BadInputError
 from twin.estimation import EstimatorFactory
 from twin.estimators import AnyEstimatorConfig, EstimatorConfigUnion, build_estimator
+from twin.estimators.adapter import registered
 from twin.estimators.roles import GNSS
 from twin.paths import plain_name
 from twin.scenario import RESERVED, parse_setting, unknown
@@ -24,6 +26,7 @@ from twin.validation import explain, models_of
 
 _SENSORS = "sensors"
 _NOT_BY_NAME = "plugin"
+_A_CLASS = re.compile(r"(\w+=)?[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 
 def _kinds() -> dict[str, type[BaseModel]]:
@@ -106,8 +109,9 @@ class Choice:
 
 
 def is_built_in(text: str) -> bool:
-    """Whether what follows ``--estimator`` names a kind, not a class of the user's."""
-    return _split(text)[1] in _kinds()
+    """Whether what follows ``--estimator`` names a kind, rightly or wrongly, and not a class of the user's."""
+    kind = _split(text)[1]
+    return kind in _kinds() or not (_A_CLASS.fullmatch(text) or kind in registered())
 
 
 def _split(text: str) -> tuple[str, str, str]:

@@ -88,7 +88,8 @@ class Figures:
             east = east + ahead * np.cos(heading) - left * np.sin(heading)
             north = north + ahead * np.sin(heading) + left * np.cos(heading)
         crossed = covariance_column(_EAST, _NORTH)
-        covariance = _column(stream, crossed) if stream.has(crossed) else np.zeros(len(stream))
+        # Who tells no covariance of the two claims none.
+        covariance = np.nan_to_num(_column(stream, crossed))
         variances = [_column(stream, sigma_column(name)) ** 2 for name in (_EAST, _NORTH)]
         return _differences((east, north), (variances[0], covariance, variances[1]), reference)
 

@@ -125,6 +125,10 @@ class ScoringConfig(Config):
     """Row units that count where no row is named; all if not given."""
     turning_rad_s: Annotated[float, Field(gt=0.0)] = 0.05
     """True yaw rate beyond which the machine is said to be turning."""
+    transition_s: Positive | None = None
+    """Phase ``transitions``: so many seconds or less before or after a place where the path begins or ceases to bend;
+    the rest of turns and straights are the phases ``steady_turns`` and ``steady_straights``. Without it there are none
+    of the three."""
     loss: LossConfig | None = None
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     causal_bound_of: str | None = None
@@ -371,7 +375,12 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _path_is_known(self) -> Self:
-        for key, wanted in (("coverage", self.coverage is not None), ("scoring.places", bool(self.scoring.places))):
+        wants_path = {
+            "coverage": self.coverage is not None,
+            "scoring.places": bool(self.scoring.places),
+            "scoring.transition_s": self.scoring.transition_s is not None,
+        }
+        for key, wanted in wants_path.items():
             if wanted and not isinstance(self.driver, PathDriverConfig):
                 raise ValueError(f"{key}: only a driver of kind 'path' has segments; this one is {self.driver.kind!r}")
         known = {leg.name: None for leg in self.planned_legs}

@@ -4,9 +4,14 @@ The passes are the parallel straights of a path driver (:func:`twin.control.plan
 along one A-B line, that of the first; e is an error across it, in its fixed left normal whichever way a pass is driven,
 so that what is wrong alike in both directions (a bias of the receiver) cancels. At every whole metre along the line,
 e_i and e_j of all pairs of passes that came there within 15 minutes of one another, 0 < |t_i - t_j| <= 900 s, give |e_i
-- e_j| (DOMAIN A1, after ISO 12188): of these the median, the root mean square and the 95th percentile are told. The
-error of an estimate is that of its position, taken where the machine truly was; that of the machine is its offset from
-its planned line.
+- e_j| (the window after ISO 12188, as EGNOS user support quotes it): of these the median, the root mean square and the
+95th percentile are told. The error of an estimate is that of its position, taken where the machine truly was; that of
+the machine is its offset from its planned line.
+
+The same e, of all passes together, tells how a track lies beside the lines: its mean (a constant offset, which a
+cross-track error counts to the left one way and to the right the other), its standard deviation and largest deviation
+about that mean, and its span from end to end: what a trial can tell that has lines but no place in the world
+(paper 003).
 """
 
 from __future__ import annotations
@@ -19,7 +24,9 @@ from twin.control.planned_legs import PlannedLeg, parallel_passes
 from twin.scenario import Scenario
 from twin.signals import NS_PER_S, FloatArray, IntArray
 
-NAMES = ("pass_to_pass.median_m", "pass_to_pass.rms_m", "pass_to_pass.p95_m")
+_BETWEEN = ("pass_to_pass.median_m", "pass_to_pass.rms_m", "pass_to_pass.p95_m")
+_BESIDE = ("line.mean_error_m", "line.abs_mean_error_m", "line.sd_error_m", "line.max_abs_deviation_m", "line.span_m")
+NAMES = (*_BETWEEN, *_BESIDE)
 LONGEST_NS = 900 * NS_PER_S
 _STEP_M = 1.0
 _NOT_YET = -1
@@ -115,10 +122,16 @@ class PassToPass:
     def metrics(self) -> dict[str, FloatArray]:
         """Figures by :data:`NAMES`, each (R,); NaN where no two passes could be compared, or an error is unknown."""
         found = self._differences()
-        if not len(found):
-            return {name: np.full(found.shape[1], np.nan) for name in NAMES}
-        values = np.median(found, axis=0), np.sqrt(np.mean(found**2, axis=0)), np.quantile(found, 0.95, axis=0)
-        return dict(zip(NAMES, values, strict=True))
+        unknown = np.full(found.shape[1], np.nan)
+        between = (unknown,) * len(_BETWEEN)
+        if len(found):
+            between = np.median(found, axis=0), np.sqrt(np.mean(found**2, axis=0)), np.quantile(found, 0.95, axis=0)
+        here = np.concatenate([e[t != _NOT_YET] for e, t in zip(self._errors, self._times, strict=True)])
+        beside = (unknown,) * len(_BESIDE)
+        if len(here):
+            mean = here.mean(axis=0)
+            beside = mean, np.abs(mean), here.std(axis=0), np.abs(here - mean).max(axis=0), np.ptp(here, axis=0)
+        return dict(zip(NAMES, (*between, *beside), strict=True))
 
     def _differences(self) -> FloatArray:
         """|e_i - e_j| of all pairs at all stations, (pairs, R)."""

@@ -15,6 +15,7 @@ from twin.scenario import LoadedScenario
 from twin.scoring.consistency import nis_degrees
 from twin.scoring.ensemble import Consistency, judge_ensemble, over_worlds
 from twin.scoring.envelopes import Envelope
+from twin.scoring.guidance import HEADLINES as GUIDANCE_HEADLINES
 from twin.scoring.honesty import Honesty, pooled_metrics
 from twin.scoring.verdict import ending
 from twin.signals import FloatArray, IntArray
@@ -112,6 +113,7 @@ def headline_metrics(loaded: LoadedScenario, names: list[str]) -> list[str]:
     """Metrics shown of each estimator: those published or checked, and the largest errors in or without a loss."""
     phase = _worst_phase(loaded)
     wanted = {"seeds.mean_abs_population_error_turns_percent", f"seeds.quality_of_feed{phase}_percent"}
+    wanted |= set(GUIDANCE_HEADLINES)
     for family in FAMILIES:
         wanted |= {family.metric(figure, phase) for figure in family.shown_of_many}
         wanted.add(family.time_to_limit)
