@@ -66,6 +66,25 @@ class Innovation:
         return normalised_square(_members_last(self.y), _members_last(self.S))
 
 
+class AboutState:
+    """An observation about one state: what is expected, and the Jacobian, are worked out once.
+
+    For a gate and the update that follows it, between which the engine's state does not change.
+    """
+
+    def __init__(self, observation: Observation, x: FloatArray) -> None:
+        self.R: FloatArray = observation.R
+        self._h, self._H = observation.h(x), observation.H(x)
+
+    def h(self, x: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Expected measurement, shape (R, m)."""
+        return self._h
+
+    def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
+        """Jacobian, shape (R, m, n) or (m, n)."""
+        return self._H
+
+
 class Engine(Protocol):
     """An extended Kalman filter of R members. ``x`` and ``P`` are replaced, never changed in place."""
 

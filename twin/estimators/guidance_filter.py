@@ -28,16 +28,23 @@ from typing import Literal
 import numpy as np
 
 from twin.config import Positive
-from twin.estimators.engines import Engine, EngineOption, Observation, compiled_unless_told, innovation, make_engine
+from twin.estimators.engines import (
+    AboutState,
+    Engine,
+    EngineOption,
+    Observation,
+    compiled_unless_told,
+    innovation,
+    make_engine,
+)
 from twin.estimators.guidance_base import STATE_COLUMNS, GuidanceOutput, SteeredConfig, guidance_sensors, transported
 from twin.estimators.guidance_filter_core import Core, GatesConfig
 from twin.estimators.guidance_filter_inputs import Inputs, Span
+from twin.estimators.guidance_filter_kernels import told_state
 from twin.estimators.guidance_filter_model import (
     PSI,
     AntennaSeen,
-    E,
     Layout,
-    N,
     SpanMotion,
     StandingRate,
     SteeredRate,
@@ -330,6 +337,7 @@ class GuidanceFilter:
     def _update_robustly(self, seen: Observation, z: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
         """Update; what is beyond the gate weighs no more than if it were at it. Return the normalised innovation."""
         gate = self._config.gates.sigmas**2
+        seen = AboutState(seen, self.engine.x)
         nis = innovation(self.engine, seen, z, R).nis
         R = R * np.maximum(nis / gate, 1.0)[:, np.newaxis] ** 2
         self.engine.update(seen, z, mask, R)
@@ -358,36 +366,23 @@ class GuidanceFilter:
         return self._tell(t_ns, x, P)
 
     def _tell(self, t_ns: int, x: FloatArray, P: FloatArray) -> Estimate:
-        layout, runs = self.layout, self._runs
+        layout = self.layout
         span = self.inputs.span(t_ns - _SPEED_NS, t_ns)
-        moving = np.where(span.standing, 0.0, 1.0)
-        T = np.zeros((runs, 4, layout.size))
-        T[:, 0, E] = T[:, 1, N] = T[:, 2, PSI] = 1.0
-        T[:, 3, V] = moving
-        speed = span.speed + x[:, V]
-        if layout.scale is not None:
-            T[:, 3, layout.scale] = moving * span.speed
-            speed = speed + span.speed * x[:, layout.scale]
-        state = np.column_stack([x[:, E], x[:, N], x[:, PSI], moving * speed])
-        relative = T.copy()
-        covariance = np.einsum("rij,rjk,rlk->ril", T, P, T)
-        covariance[:, 3, 3] += self._slot_variance * moving
+        state, covariance, alike = told_state(
+            np.ascontiguousarray(x), np.ascontiguousarray(P), layout.places, span.speed, span.standing
+        )
+        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._slot_variance)
         for place, of, change in (
             (3, self.inputs.speed, _SPEED_CHANGE_M_S2),
             (2, self.inputs.rate, _TURN_CHANGE_RAD_S),
         ):
             age_s = 0.0 if of is None or of.newest_ns is None else max(t_ns - of.newest_ns, 0) / NS_PER_S
             covariance[:, place, place] += (change * age_s) ** 2
-        if layout.anchor is not None:
-            anchor = x[:, layout.anchor : layout.anchor + 2]
-            state[:, :2] += anchor
-            covariance[:, :2, :2] += anchor[:, :, np.newaxis] * anchor[:, np.newaxis, :]
-            relative[:, 0, layout.anchor] = relative[:, 1, layout.anchor + 1] = 1.0
-        alike = np.einsum("rij,rjk,rik->ri", relative[:, :2], P, relative[:, :2])
         state, covariance = transported(state, covariance, self._reference_x_m, 0.0)
         coasting = t_ns - self._accepted_ns > round(self._config.coasting_s * NS_PER_S)
         mode = np.where(self.core.doubting, 3.0, np.where(coasting, 2.0, 1.0))
         unknown = ~self.core.started
-        state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
+        if unknown.any():
+            state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
         extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode])
         return self._output.estimate(t_ns, state, covariance, extra=extra)

@@ -28,7 +28,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.config import Config, Positive
-from twin.estimators.engines import Engine, innovation
+from twin.estimators.engines import AboutState, Engine, innovation
 from twin.estimators.guidance_filter_model import PSI, AntennaSeen, E, Layout, N, ReceiverNoise, V
 from twin.estimators.guidance_filter_receiver import FixError
 from twin.estimators.guidance_readers import Fix
@@ -186,9 +186,26 @@ class Core:
         self._meet(fix, error, mask)
         engine, gate = self.engine, self._gates.sigmas**2
         z = np.where(mask[:, np.newaxis], fix.position, 0.0)
-        before = innovation(engine, self._antenna, z, white)
+        seen = AboutState(self._antenna, engine.x)
+        before = innovation(engine, seen, z, white)
         y, nis = before.y, before.nis
         outside: BoolArray = mask & (nis > gate)
+        jumped, lost = outside, outside
+        if outside.any():
+            jumped = self._count_rejected(y, white, outside) & may_jump
+            lost = outside & ~may_jump
+            self._jump(jumped, y)
+        taken = mask & (~outside | jumped)
+        engine.update(seen, z, taken, white)
+        self.doubting = np.where(mask, outside & ~jumped & ~lost, self.doubting)
+        self._learn_white(nis, mask)
+        self._rejected = np.where(taken, 0, self._rejected)
+        self._alike = np.where(taken, 0, self._alike)
+        self._remember(fix, error, taken)
+        return y, nis, taken, lost
+
+    def _count_rejected(self, y: FloatArray, white: FloatArray, outside: BoolArray) -> BoolArray:
+        """Count innovations beyond the gate; return where (R,) there were so many that something has changed."""
         same = np.linalg.norm(y - self._last_rejected, axis=1) <= np.maximum(
             0.5 * np.linalg.norm(y, axis=1), self._gates.sigmas * np.sqrt(2.0 * white.sum(axis=1))
         )
@@ -196,18 +213,8 @@ class Core:
         self._rejected = np.where(outside, self._rejected + 1, self._rejected)
         self._alike = np.where(outside, np.where(same, self._alike + 1, 1), self._alike)
         self._last_rejected = np.where(outside[:, np.newaxis], y, self._last_rejected)
-        jumped: BoolArray = outside & ((self._alike >= self._gates.jump_epochs) | (self._rejected >= _MOST_REJECTED))
-        lost: BoolArray = outside & ~may_jump
-        jumped = jumped & may_jump
-        self._jump(jumped, y)
-        taken = mask & (~outside | jumped)
-        engine.update(self._antenna, z, taken, white)
-        self.doubting = np.where(mask, outside & ~jumped & ~lost, self.doubting)
-        self._learn_white(nis, mask)
-        self._rejected = np.where(taken, 0, self._rejected)
-        self._alike = np.where(taken, 0, self._alike)
-        self._remember(fix, error, taken)
-        return y, nis, taken, lost
+        enough = (self._alike >= self._gates.jump_epochs) | (self._rejected >= _MOST_REJECTED)
+        return np.logical_and(outside, enough)
 
     def _learn_white(self, nis: FloatArray, mask: BoolArray) -> None:
         """Where no data sheet tells what is new in a fix, the innovations do: their mean square is to be 2."""
@@ -233,6 +240,9 @@ class Core:
 
     def _set_noise(self, error: FixError, mask: BoolArray) -> None:
         noise = self.receiver
+        if mask.all():
+            self.receiver = replace(noise, slow_m=error.slow_m, slow_s=error.slow_s, jump_m=error.jump_m)
+            return
         self.receiver = replace(
             noise,
             slow_m=np.where(mask, error.slow_m, noise.slow_m),
