@@ -102,7 +102,7 @@ class GuidanceImm:
             longest_fixes=max(1.0, config.mean_s * receiver.info.rate_hz),
         )
         self._noise = ShortTermNoise(fallback_m=config.fallback_m, least_m=config.least_m, runs=runs)
-        self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs)
+        self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs, slow_m_s=config.course_from_m_s)
         self._models = StraightOrCurve(config)
         name = compiled_unless_told(config.engine, estimator=setup.name, runs=runs)
         mu = np.tile(self._models.shares, (runs, 1))
