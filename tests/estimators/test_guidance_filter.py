@@ -304,9 +304,9 @@ def test_a_jump_is_the_receivers(jump: tuple[float, float]) -> None:
 def test_single_spikes_do_nothing() -> None:
     """A wild fix now and then is as good as none."""
     world = Passes(runs=1, seed=8, passes=1)
-    told = []
+    told, refused = [], []
     for spike in (40.0, np.nan):
-        guide, out = make(world.setup()), []
+        guide, out, gated = make(world.setup()), [], []
         for step in range(world.steps):
             for measurement in world.measurements(step):
                 values = measurement.values.copy()
@@ -314,9 +314,15 @@ def test_single_spikes_do_nothing() -> None:
                     values[:, :2] += spike * (-1.0) ** ((step + 1) // 100)
                     values[:, 3:5] = np.nan
                 guide.process(replace(measurement, values=values))
-            out.append(guide.estimate(round((step + 1) * 1e8)).values[:, :4])
+            estimate = guide.estimate(round((step + 1) * 1e8))
+            out.append(estimate.values[:, :4])
+            gated.append(column(guide, estimate.values, "gated").item())
         told.append(np.array(out)[10:])
+        refused.append(np.flatnonzero(gated) + 1)
     np.testing.assert_allclose(told[0], told[1], atol=1e-9)
+    # The outputs right after the spikes say so, once each; where there was no fix none was refused.
+    np.testing.assert_array_equal(refused[0], np.arange(100, world.steps + 1, 100))
+    assert len(refused[1]) == 0
 
 
 def test_a_float_that_lies_is_not_believed() -> None:

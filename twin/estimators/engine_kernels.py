@@ -154,19 +154,19 @@ def correct_in_turn(  # noqa: PLR0917 - called by position
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """:func:`correct` by all components one after the other: H (m, n, R), y and R (m, R).
 
-    Each is corrected by what the components before it have not explained.
+    Each is corrected by what the components before it have not explained. Returns x, P and the normalised square of
+    all components, NaN where masked out; there ``y`` may be anything.
     """
     n, runs = x.shape
-    x_new, P_new, nis = x, P, np.zeros(runs)
+    x_new, P_new, nis, left = x, P, np.zeros(runs), np.empty(runs)
     for part in range(H.shape[0]):
-        left = y[part].copy()
-        if part:
-            for m in range(runs):
-                explained = 0.0
+        for m in range(runs):
+            explained = 0.0
+            if part:
                 for i in range(n):
                     explained += H[part, i, m] * (x_new[i, m] - x[i, m])
-                left[m] -= explained
+            left[m] = y[part, m] - explained if mask[m] else 0.0
         x_new, P_new, square = correct(x_new, P_new, H[part], left, R[part], mask)
         for m in range(runs):
-            nis[m] += square[m]
+            nis[m] += square[m] if mask[m] else np.nan
     return x_new, P_new, nis

@@ -194,10 +194,10 @@ class EnsembleEngine:
         """Update the members where ``mask`` is True."""
         before = self.x
         variances, H = observation.R if R is None else R, observation.H(before)
-        y = np.where(mask[:, np.newaxis], z - observation.h(before), 0.0)
+        y = _members_last(z - observation.h(before))
         rows, noise = _of_members(H, 3, len(mask)), _of_members(variances, 2, len(mask))
-        self._x, self._P, nis = correct_in_turn(self._x, self._P, rows, np.ascontiguousarray(y.T), noise, mask)
-        return np.where(mask, nis, np.nan)
+        self._x, self._P, nis = correct_in_turn(self._x, self._P, rows, y, noise, mask)
+        return nis
 
 
 def _of_members(array: FloatArray, ndim: int, runs: int) -> FloatArray:

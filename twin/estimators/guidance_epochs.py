@@ -192,13 +192,7 @@ class Epochs:
         course = np.where(own_speed >= self._course_from_m_s, course, np.nan)
         self.set_heading(course, np.isnan(self.heading))
         heading = course if self._rate is None else self._unwrapped(course, now_ns - self._rate_ns > since)
-        pace = np.where(self._time_s > 0.0, self._way / np.where(self._time_s > 0.0, self._time_s, 1.0), self._pace)
-        speed = np.where(np.isnan(pace), own_speed, pace)
-        self._way, self._time_s, self._pace = (
-            np.zeros(self._runs),
-            np.zeros(self._runs),
-            np.full(self._runs, np.nan),
-        )
+        speed = own_speed if self._speed is None else self._mean_speed(own_speed)
         steered = now_ns - self._steering_ns <= since
         rate = np.where(now_ns - self._rate_ns <= since, self._rate_now, 0.0)
         return [
@@ -213,6 +207,14 @@ class Epochs:
                 steering_known=steered,
             )
         ]
+
+    def _mean_speed(self, own: FloatArray) -> FloatArray:
+        """Mean speed (R,) of the wheels since the last epoch, or the receiver's ``own`` (R,); begin a new mean."""
+        driven = self._time_s > 0.0
+        pace = np.where(driven, self._way / np.where(driven, self._time_s, 1.0), self._pace)
+        self._way, self._time_s = np.zeros(self._runs), np.zeros(self._runs)
+        self._pace = np.full(self._runs, np.nan)
+        return np.where(np.isnan(pace), own, pace)
 
     def _unwrapped(self, course: FloatArray, silent: BoolArray) -> FloatArray:
         """The summed heading; where its sensor is silent, the course, as that turn nearest to it."""

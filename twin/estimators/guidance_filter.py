@@ -17,7 +17,8 @@ told since. A fix that is not later than the last one is not used. A minute afte
 (mode 0), and starts anew with the next.
 
 Further columns: ``relative_sigma_e_m``, ``relative_sigma_n_m`` (how well the position is known but for the constant
-error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix).
+error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix),
+``gated`` (1 where a fix was refused since the last output).
 """
 
 from __future__ import annotations
@@ -164,9 +165,11 @@ class GuidanceFilter:
         self._now_ns: int | None = None
         self._tip_ns = 0
         self._accepted_ns = np.zeros(setup.runs, dtype=np.int64)
+        self._gated: BoolArray = np.zeros(setup.runs, dtype=np.bool_)
+        """(R,) whether a fix was refused since the last output."""
         self._waiting: list[Fix] = []
         nis = [*(("nis_velocity",) if config.velocity else ()), *(("nis_steering",) if steering else ())]
-        extra = ("relative_sigma_e_m", "relative_sigma_n_m", "mode")
+        extra = ("relative_sigma_e_m", "relative_sigma_n_m", "mode", "gated")
         self._output = GuidanceOutput(setup.runs, nis=nis, extra=extra)
         self.columns = self._output.columns
 
@@ -303,6 +306,7 @@ class GuidanceFilter:
         moves_by_itself = span.speed_known | (np.isfinite(fix.speed) & self._config.velocity)
         y, nis, taken, lost = core.hear(fix, error, white, going, may_jump=moves_by_itself)
         self._output.news.put_position(y, nis, going)
+        self._gated = self._gated | (going & core.doubting)
         core.anchor_better(error, taken)
         wrong = taken & core.lost(error)
         ahead = np.where(fast, course, self.engine.x[:, PSI])
@@ -351,7 +355,7 @@ class GuidanceFilter:
         self.inputs.forget(t_ns - _LONGEST_GAP_NS)
         if self._now_ns is None or t_ns - self._now_ns > _LONGEST_GAP_NS:
             nothing = np.full((self._runs, 4), np.nan)
-            extra = np.column_stack([nothing[:, :2], np.zeros(self._runs)])
+            extra = np.column_stack([nothing[:, :2], np.zeros((self._runs, 2))])
             return self._output.estimate(t_ns, nothing, np.full((self._runs, 4, 4), np.nan), extra=extra)
         begin_ns = self._tip_ns
         settled = min(max(self.inputs.settled_ns or t_ns, t_ns - _SILENT_NS), t_ns)
@@ -384,5 +388,6 @@ class GuidanceFilter:
         unknown = ~self.core.started
         if unknown.any():
             state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
-        extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode])
+        extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode, self._gated])
+        self._gated = np.zeros_like(self._gated)
         return self._output.estimate(t_ns, state, covariance, extra=extra)

@@ -20,7 +20,7 @@ A receiver sees P + lever arm + C + J + white. While the wheels stand, nothing o
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -88,6 +88,15 @@ class MotionNoise:
     walk_m_rtm: float
     """Walk of the position per root of a metre driven: wheels that do not roll where they point."""
 
+    def row(self) -> FloatArray:
+        """All of them (9,), in the order of the compiled functions."""
+        return np.array(
+            [
+                *(self.heading_rad_rts, self.bias_rad_s_rts, self.turn_rad_s, self.turn_s),
+                *(self.acceleration_m_s2_rthz, self.slip_ratio, self.slip_s, self.scale_rts, self.walk_m_rtm),
+            ]
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceiverNoise:
@@ -116,7 +125,7 @@ class SpanMotion:
         """``turning``: (R,) share of the rate of turn that counts, 1 but for a machine without a gyro that stands."""
         self._layout, self._dt_s = layout, span.dt_s
         self._means, self._known = moves_of(span, turning)
-        self._noise = np.array(astuple(noise))
+        self._noise = noise.row()
         self._receiver = np.empty((6, len(span.rate)))
         self._receiver[SLOW_M], self._receiver[SLOW_S] = receiver.slow_m, receiver.slow_s
         self._receiver[OTHER_M], self._receiver[OTHER_S] = receiver.other_m, receiver.other_s

@@ -108,3 +108,55 @@ def velocity_sigmas(velocity: FloatArray, P: FloatArray, speed: FloatArray) -> F
         sigmas[r, 1] = np.sqrt(along) if along >= 0.0 else np.nan
         sigmas[r, 0] = min(np.sqrt(across) / max(abs(speed[r]), _LEAST_M_S), np.pi) if across >= 0.0 else np.nan
     return sigmas
+
+
+@compiled
+def under_antenna(antenna: FloatArray, heading: FloatArray, arm: tuple[float, float, float]) -> FloatArray:
+    """Position (R, 3) of the reference under an antenna (R, 3) that is ``arm`` forward, to the left and up of it."""
+    place = np.empty_like(antenna)
+    for r in range(len(antenna)):
+        cosine, sine = np.cos(heading[r]), np.sin(heading[r])
+        place[r, 0] = antenna[r, 0] - (cosine * arm[0] - sine * arm[1])
+        place[r, 1] = antenna[r, 1] - (sine * arm[0] + cosine * arm[1])
+        place[r, 2] = antenna[r, 2] - arm[2]
+    return place
+
+
+PRINTED, STEP, CONTINUOUS = range(3)
+"""Forms of the process noise."""
+
+
+@compiled
+def straight_noise(dt_s: FloatArray, variance: float, form: int) -> FloatArray:
+    """Eq 11, printed, corrected or continuous: of one axis over ``dt_s`` (R,), (R, 3, 3)."""
+    Q = np.zeros((len(dt_s), 3, 3))
+    for r in range(len(dt_s)):
+        dt = dt_s[r]
+        if form == CONTINUOUS:
+            Q[r, 0, 0], Q[r, 1, 1] = variance * dt**3 / 3.0, variance * dt
+            Q[r, 0, 1] = Q[r, 1, 0] = variance * dt**2 / 2.0
+        else:
+            Q[r, 0, 0] = variance * dt**2
+            Q[r, 0, 1] = Q[r, 1, 0] = variance * dt
+            if form == STEP and dt > 0.0:
+                Q[r, 1, 1] = variance
+    return Q
+
+
+@compiled
+def curve_noise(dt_s: FloatArray, variance: float, form: int) -> FloatArray:
+    """Eq 15, or continuous: of one axis over ``dt_s`` (R,), (R, 3, 3)."""
+    Q, g = np.zeros((len(dt_s), 3, 3)), np.empty(3)
+    for r in range(len(dt_s)):
+        dt = dt_s[r]
+        if form == CONTINUOUS:
+            Q[r, 0, 0], Q[r, 1, 1], Q[r, 2, 2] = variance * dt**5 / 20.0, variance * dt**3 / 3.0, variance * dt
+            Q[r, 0, 1] = Q[r, 1, 0] = variance * dt**4 / 8.0
+            Q[r, 0, 2] = Q[r, 2, 0] = variance * dt**3 / 6.0
+            Q[r, 1, 2] = Q[r, 2, 1] = variance * dt**2 / 2.0
+        elif dt > 0.0:
+            g[0], g[1], g[2] = 0.5 * dt**2, dt, 1.0
+            for i in range(3):
+                for j in range(3):
+                    Q[r, i, j] = variance * (g[i] * g[j])
+    return Q

@@ -32,7 +32,14 @@ from typing import Literal
 
 import numpy as np
 
-from twin.estimators.guidance_kinematic_kernels import axes_transition
+from twin.estimators.guidance_kinematic_kernels import (
+    CONTINUOUS,
+    PRINTED,
+    STEP,
+    axes_transition,
+    curve_noise,
+    straight_noise,
+)
 from twin.signals import BoolArray, FloatArray
 
 AXES = 3
@@ -40,6 +47,7 @@ AXES = 3
 STATES = 9
 P_, V_, A_ = slice(0, 3), slice(3, 6), slice(6, 9)
 """Places in the state."""
+_FORMS = {"printed": PRINTED, "step": STEP, "continuous": CONTINUOUS}
 
 
 def on_axes(block: FloatArray, axes: int = AXES) -> FloatArray:
@@ -80,27 +88,11 @@ class ProcessNoise:
 
     def of_straight(self, dt_s: FloatArray) -> FloatArray:
         """C_ww of one axis over ``dt_s`` (R,) with constant velocity, (R, 3, 3); zero where no time passes."""
-        Q = np.zeros((len(dt_s), 3, 3))
-        if self.form == "continuous":
-            Q[:, 0, 0], Q[:, 1, 1] = dt_s**3 / 3.0, dt_s
-            Q[:, 0, 1] = Q[:, 1, 0] = dt_s**2 / 2.0
-        else:
-            Q[:, 0, 0], Q[:, 0, 1], Q[:, 1, 0] = dt_s**2, dt_s, dt_s
-            Q[:, 1, 1] = 0.0 if self.form == "printed" else dt_s > 0.0
-        return self.velocity * Q
+        return straight_noise(dt_s, self.velocity, _FORMS[self.form])
 
     def of_curve(self, dt_s: FloatArray) -> FloatArray:
         """C_ww of one axis over ``dt_s`` (R,) with constant acceleration (eq 15), (R, 3, 3)."""
-        Q = np.zeros((len(dt_s), 3, 3))
-        if self.form != "continuous":
-            g = np.stack([0.5 * dt_s**2, dt_s, 1.0 * (dt_s > 0.0)], axis=-1)
-            Q[:] = g[:, :, np.newaxis] * g[:, np.newaxis, :]
-            return self.acceleration * Q
-        Q[:, 0, 0], Q[:, 1, 1], Q[:, 2, 2] = dt_s**5 / 20.0, dt_s**3 / 3.0, dt_s
-        Q[:, 0, 1] = Q[:, 1, 0] = dt_s**4 / 8.0
-        Q[:, 0, 2] = Q[:, 2, 0] = dt_s**3 / 6.0
-        Q[:, 1, 2] = Q[:, 2, 1] = dt_s**2 / 2.0
-        return self.acceleration * Q
+        return curve_noise(dt_s, self.acceleration, _FORMS[self.form])
 
 
 class KinematicMotion:

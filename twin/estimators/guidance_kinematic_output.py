@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.estimators.guidance_kinematic_kernels import turned_antenna
+from twin.estimators.guidance_kinematic_kernels import turned_antenna, under_antenna
 from twin.signals import BoolArray, FloatArray
 
 _TIGHTEST_1_M = 1.0 / 4.0
@@ -64,9 +64,4 @@ class AntennaPose:
 
     def place(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:
         """Position (R, 3) of the reference under an antenna (R, 3)."""
-        cosine, sine = np.cos(heading), np.sin(heading)
-        place = np.array(antenna, dtype=np.float64)
-        place[:, 0] -= cosine * self._forward - sine * self._left
-        place[:, 1] -= sine * self._forward + cosine * self._left
-        place[:, 2] -= self._up
-        return place
+        return under_antenna(np.ascontiguousarray(antenna), heading, (self._forward, self._left, self._up))

@@ -58,6 +58,9 @@ _STEP_S = 1.0
 _LONGEST_GAP_S = 10.0
 """After a silence as long as that the filter starts anew."""
 _NORTH = 0.5 * np.pi
+_FLIP = np.array([1.0, 1.0, -1.0, 1.0])
+_FLIPPED = _FLIP[:, np.newaxis] * _FLIP
+"""Of a covariance, where the heading is counted the other way round."""
 
 Four = Annotated[tuple[Positive, Positive, Positive, Positive], Strict(strict=False)]
 Five = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(strict=False)]
@@ -179,6 +182,8 @@ class GuidancePv:
         """Close, begin or go on; return which members (R,) begin a row with this epoch."""
         config, now_ns, there = self._config, epoch.fix.t_available_ns, epoch.fix.there
         turning = (np.abs(epoch.steering) > config.turn_steering_rad) | (np.abs(epoch.rate) > config.turn_rate_rad_s)
+        if not turning.any() and (self._mode == FILTERING).all():
+            return
         self._turned_ns = np.where(turning, now_ns, self._turned_ns)
         straight = ~turning & (self._turned_ns <= now_ns - round(config.straight_s * NS_PER_S))
         waiting = self._mode == WAITING
@@ -244,14 +249,16 @@ class GuidancePv:
         for epoch in self._epochs.close(t_ns):
             self._step(epoch)
         x, P = self._ahead(t_ns)
-        closed = (self._mode == CLOSED) & np.isfinite(self._epochs.heading) & self._epochs.sums_rates
-        state = np.column_stack([x[:, X], x[:, Y], _NORTH - x[:, PSI], x[:, V]])
-        state[:, 2] = np.where(closed, self._epochs.heading, state[:, 2])
-        flip = np.array([1.0, 1.0, -1.0, 1.0])
-        covariance = P[:, :4, :4] * flip[:, np.newaxis] * flip
+        state = x[:, : V + 1].copy()
+        state[:, 2] = _NORTH - state[:, 2]
+        if self._epochs.sums_rates:
+            closed = (self._mode == CLOSED) & np.isfinite(self._epochs.heading)
+            state[:, 2] = np.where(closed, self._epochs.heading, state[:, 2])
+        covariance = P[:, :4, :4] * _FLIPPED
         state, covariance = transported(state, covariance, *self._to_reference)
         nothing = self._mode == WAITING
-        state[nothing], covariance[nothing] = np.nan, np.nan
+        if nothing.any():
+            state[nothing], covariance[nothing] = np.nan, np.nan
         return self._output.estimate(t_ns, state, covariance, extra=self._mode[:, np.newaxis])
 
     def _ahead(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
