@@ -13,7 +13,8 @@ solution (:mod:`twin.estimators.guidance_filter_receiver`), what to make of chan
 position in a frame that is shifted by the receiver's error at the start; or ``"absolute"``, the best guess.
 
 **Late fixes.** The filter stands at the time of the last fix and looks ahead from there by what wheels and gyro have
-told since. A fix that is not later than the last one is not used.
+told since. A fix that is not later than the last one is not used. A minute after the last one it says nothing any more
+(mode 0), and starts anew with the next.
 
 Further columns: ``relative_sigma_e_m``, ``relative_sigma_n_m`` (how well the position is known but for the constant
 error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix),
@@ -76,8 +77,10 @@ _LONGEST_NS = 250_000_000
 """Longer spans are taken in parts."""
 _PATIENCE_NS = 150_000_000
 """A fix waits so long for the other sensors."""
-_LONGEST_GAP_S = 60.0
-"""After a silence of all sensors as long as that the filter starts anew."""
+_LONGEST_GAP_NS = 60 * NS_PER_S
+"""After a silence of the receiver as long as that the filter starts anew, and until then it says nothing."""
+_SILENT_NS = 2 * NS_PER_S
+"""Looking ahead no longer waits for sensors that have been silent for so long."""
 _UNORIENTED_RAD = 0.5
 """A heading that is less certain is none."""
 _SHORT_NS = 200_000_000
@@ -155,6 +158,7 @@ class GuidanceFilter:
             start_variances=self.noise.start_variances,
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
+            sway_s=config.noise.sway_s,
             jump_s=self._errors.jump_s,
             white_told=self._errors.white_told,
         )
@@ -207,6 +211,7 @@ class GuidanceFilter:
             self._waiting.append(self._receiver.read(measurement))
             self._waiting.sort(key=lambda fix: fix.t_ns)
         self._take_waiting(measurement.t_available_ns)
+        inputs.forget(measurement.t_available_ns - _LONGEST_GAP_NS)
 
     def _take_waiting(self, arrival_ns: int) -> None:
         while self._waiting:
@@ -224,7 +229,7 @@ class GuidanceFilter:
             return
         else:
             dt_s = (fix.t_ns - self._now_ns) / NS_PER_S
-            if dt_s > _LONGEST_GAP_S:
+            if fix.t_ns - self._now_ns > _LONGEST_GAP_NS:
                 self.core.started[:] = False
             else:
                 self._advance(self.engine, self._now_ns, fix.t_ns)
@@ -273,6 +278,7 @@ class GuidanceFilter:
         mask &= span.rate_known | (not self.layout.has_rate)
         bend = 1.0 + np.square(np.tan(np.clip(span.steering, -1.2, 1.2)))
         loose = np.square(self._config.noise.steering_rad * bend * speed / self._wheelbase_m)
+        loose *= max(self._config.noise.steering_s / span.dt_s, 1.0)  # the fixes of that time share it
         variance_of = (loose + self.noise.gyro.walk_noise**2 / span.dt_s)[:, np.newaxis]
         seen = SteeredRate(self.layout, span, wheelbase_m=self._wheelbase_m)
         nis = self._update_robustly(seen, span.rate[:, np.newaxis], mask, variance_of)
@@ -346,12 +352,13 @@ class GuidanceFilter:
     def estimate(self, t_ns: int) -> Estimate:
         """Return the estimate at ``t_ns``."""
         self._take_waiting(t_ns)
-        if self._now_ns is None:
+        self.inputs.forget(t_ns - _LONGEST_GAP_NS)
+        if self._now_ns is None or t_ns - self._now_ns > _LONGEST_GAP_NS:
             nothing = np.full((self._runs, 4), np.nan)
             extra = np.column_stack([nothing[:, :2], np.zeros((self._runs, 2))])
             return self._output.estimate(t_ns, nothing, np.full((self._runs, 4, 4), np.nan), extra=extra)
         begin_ns = self._tip_ns
-        settled = min(self.inputs.settled_ns or t_ns, t_ns)
+        settled = min(max(self.inputs.settled_ns or t_ns, t_ns - _SILENT_NS), t_ns)
         if settled > begin_ns:
             self._advance(self._tip, begin_ns, settled)
             begin_ns = self._tip_ns = settled

@@ -70,12 +70,14 @@ class Core:
         start_variances: Callable[[], FloatArray],
         gates: GatesConfig,
         sway_m: float,
+        sway_s: float,
         jump_s: float,
         white_told: bool,
     ) -> None:
         """``start_variances`` gives (n,) variances of all states but position, errors and anchor."""
         self.engine, self._layout, self._antenna = engine, layout, antenna
         self._start_variances, self._gates, self._sway_m = start_variances, gates, sway_m
+        self._sway_s = sway_s
         runs = engine.x.shape[0]
         self.started: BoolArray = np.zeros(runs, dtype=np.bool_)
         self.doubting: BoolArray = np.zeros(runs, dtype=np.bool_)
@@ -100,12 +102,13 @@ class Core:
     # --- fixes -------------------------------------------------------------------------------------------------------
 
     def white_variances(self, error: FixError, speeds: FloatArray, resolution_m: FloatArray, dt_s: float) -> FloatArray:
-        """Variances (R, 2) of what is new in a sample.
+        """Variances (R, 2) of what is new in a sample ``dt_s`` after the one before.
 
-        Rounding to steps of q is new (q^2 / 12) only once per step that is crossed: at a speed v along the axis,
-        ``speeds`` (R, 2), the samples of q / v seconds share it.
+        The samples of ``sway_s`` share the machine's tilt, which counts as often as it is new. Rounding to steps of q
+        is new (q^2 / 12) only once per step that is crossed: at a speed v along the axis, ``speeds`` (R, 2), the
+        samples of q / v seconds share it.
         """
-        white = self._wider * np.square(error.white_m) + self._sway_m**2
+        white = self._wider * np.square(error.white_m) + self._sway_m**2 * max(self._sway_s / dt_s, 1.0)
         crossing_s = resolution_m / np.maximum(np.abs(speeds), 1e-3)
         shared = np.clip(np.minimum(crossing_s, _STEP_S) / dt_s, 1.0, None)
         variances: FloatArray = white[:, np.newaxis] + np.square(resolution_m) / 12.0 * shared

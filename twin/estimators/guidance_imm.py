@@ -30,6 +30,12 @@ What positions alone cannot do: where fixes err by 0.3 m five times a second, a 
 and until then the narrow straight mode is worse than a filter that was wide all along. On straights, in curves and at
 their ends ``"none"`` keeps up with the better of paper 004's two models; at their beginnings it takes the velocity.
 
+* **a receiver that smooths its positions** by a filter of its own, whose lag its data sheet tells, shows curves too
+  wide. What the modes say of position is then about what the receiver shows, and the track is set off by what a filter
+  with that lag trails by under the acceleration of the curve mode (:mod:`twin.estimators.guidance_imm_trail`). The
+  curve mode cannot have the lag in its measurement: nothing trails where a curve begins. A lag that nobody tells stays
+  in the track. That the figure may be wrong is in sigma, a quarter of what is set off.
+
 The filter follows its fixes, so its own covariance is about the way from their common error. Sigmas of the position
 include that error.
 
@@ -52,6 +58,7 @@ from twin.estimators.guidance_imm_models import (
     Sees,
     StraightOrCurve,
 )
+from twin.estimators.guidance_imm_trail import Trail
 from twin.estimators.guidance_kinematic import INNOVATION, NIS, TURNING, UNKNOWN_SPEED_M_S
 from twin.estimators.guidance_kinematic_kernels import velocity_sigmas
 from twin.estimators.guidance_kinematic_output import AntennaPose
@@ -73,6 +80,8 @@ from twin.signals import (
 __all__ = ["GuidanceImm", "GuidanceImmConfig"]
 
 KIND = "guidance_imm"
+_TRAIL_ERROR_RATIO = 0.25
+"""So much of what a receiver is thought to trail by may be wrong, 1 sigma; a choice."""
 _STANDING_M_S = 0.1
 """1 sigma of the velocity of a vehicle that is seen standing."""
 
@@ -102,7 +111,7 @@ class GuidanceImm:
             longest_fixes=max(1.0, config.mean_s * receiver.info.rate_hz),
         )
         self._noise = ShortTermNoise(fallback_m=config.fallback_m, least_m=config.least_m, runs=runs)
-        self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs)
+        self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs, slow_m_s=config.course_from_m_s)
         self._models = StraightOrCurve(config)
         name = compiled_unless_told(config.engine, estimator=setup.name, runs=runs)
         mu = np.tile(self._models.shares, (runs, 1))
@@ -114,6 +123,7 @@ class GuidanceImm:
         self._common: FloatArray = np.full((runs, 2), config.common_m**2)
         """(R, 2) variances of the errors that fixes have in common."""
         self._news: FloatArray = np.full((runs, 3), np.nan)
+        self._trail = Trail(receiver.info.datasheet.get("filter_lag_s2", 0.0), runs)
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -133,14 +143,15 @@ class GuidanceImm:
         used = fix.new & self._start.started & (fix.t_ns > self._t_ns)
         if not used.any():
             return
-        self._engine.predict(
-            self._models.motion(np.where(used, fix.t_ns - self._t_ns, 0) / NS_PER_S, self._engine.modes, self._common)
-        )
+        dt_s = np.where(used, fix.t_ns - self._t_ns, 0) / NS_PER_S
+        self._engine.predict(self._models.motion(dt_s, self._engine.modes, self._common))
         self._t_ns = np.where(used, fix.t_ns, self._t_ns)
         z, R = self._sees.read(fix, variance, self._engine.modes.mean()[0][:, A_])
         self._tell(fix, R, used)
         self._engine.update(z, R, used)
-        x = self._engine.modes.mean()[0]
+        modes = self._engine.modes
+        self._trail.step(modes.mu[:, CURVE, np.newaxis] * modes.x[:, CURVE, A_], dt_s)
+        x = modes.mean()[0]
         self._pose.hear(fix.of(SPEED), used)
         self._pose.keep(self._pose.turn(x[:, V_], x[:, A_], used)[0])
 
@@ -182,12 +193,13 @@ class GuidanceImm:
         x, P = modes.mean()
         heading, speed = self._pose.turn(x[:, V_], x[:, A_], started)
         antenna = np.zeros((len(x), 3))
-        antenna[:, :2] = np.where(started[:, np.newaxis], x[:, P_], self._start.position[:, :2])
+        antenna[:, :2] = np.where(started[:, np.newaxis], x[:, P_] + self._trail.offset_m, self._start.position[:, :2])
         place = self._pose.place(antenna, heading)[:, :2]
         own = np.where(
             started[:, np.newaxis, np.newaxis], P[:, P_, P_], self._start.covariance[:, :2, np.newaxis] * PAIR
         )
-        covariance = own + self._common[:, :, np.newaxis] * PAIR
+        trail = np.square(_TRAIL_ERROR_RATIO * self._trail.offset_m)
+        covariance = own + (self._common + trail)[:, :, np.newaxis] * PAIR
         covariance = np.where(np.isfinite(place)[:, :, np.newaxis], covariance, np.nan)
         values = np.column_stack(
             [place, heading, np.where(started, speed, 0.0), self._news, np.where(started, modes.mu[:, CURVE], 0.0)]

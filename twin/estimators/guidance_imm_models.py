@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from twin.config import Config, Names, NonNegative, Positive
+from twin.config import NonNegative, Positive
 from twin.estimators.engines import EngineOption
+from twin.estimators.guidance_base import GuidanceConfig
 from twin.estimators.guidance_imm_kernels import modes_motion, rates_of_turn, turning_transition
-from twin.estimators.guidance_kinematic_output import SLOW_M_S
 from twin.estimators.guidance_kinematic_receiver import Fix, Receiver
 from twin.estimators.imm_engine import ModeMotion, Modes
 from twin.signals import FloatArray
@@ -21,19 +21,17 @@ P_, V_, A_ = slice(0, 2), slice(2, 4), slice(4, 6)
 """Places in the state."""
 PAIR: FloatArray = np.eye(2)
 _FASTEST_TURN_RAD_S = 1.0
+_SLOW_M_S = 0.5
+"""Slower than this, a velocity turns no faster than one of that size: it is noise that turns."""
 _USUAL_LAG_S = 0.2
 _UNTOLD = 1e8
 """Variance of a velocity that is not told."""
 
 
-class GuidanceImmConfig(Config):
-    """Options of :class:`GuidanceImm`; reasons in the module's docstring."""
+class GuidanceImmConfig(GuidanceConfig):
+    """Options of :class:`GuidanceImm`, whose only sensor is the receiver; reasons in the module's docstring."""
 
     kind: Literal["guidance_imm"]
-    sensors: Names
-    """The GNSS receiver."""
-    rate_hz: Positive = 50.0
-    """Output rate."""
     straight_m2_s3: Positive = 0.02
     """Density of the acceleration on straights."""
     curve_m2_s5: Positive = 0.05
@@ -72,7 +70,7 @@ class GuidanceImmConfig(Config):
 
 def rate_of_turn(x: FloatArray) -> FloatArray:
     """Rate (R,) at which velocity and acceleration of states (R, 6) turn, v x a / |v|^2, rad/s."""
-    return rates_of_turn(x, SLOW_M_S, _FASTEST_TURN_RAD_S)
+    return rates_of_turn(x, _SLOW_M_S, _FASTEST_TURN_RAD_S)
 
 
 def turning(dt_s: FloatArray, rate: FloatArray) -> FloatArray:

@@ -17,16 +17,22 @@ import numpy as np
 from twin.estimators.guidance_kinematic_kernels import turned_antenna, under_antenna
 from twin.signals import BoolArray, FloatArray
 
-SLOW_M_S = 0.5
-"""Slower than this the heading is held: velocities of single fixes err by a tenth of it."""
 _TIGHTEST_1_M = 1.0 / 4.0
 """Curvature of the tightest turn of a machine that steers; more is noise."""
 
 
 class AntennaPose:
-    """Pose of the reference frame from the motion of the antenna, for R members."""
+    """Pose of the reference frame from the motion of the antenna, for R members.
 
-    def __init__(self, arm: tuple[float, float, float], heading_rad: float, runs: int) -> None:
+    Args:
+        arm: antenna in the reference frame, metres forward, to the left, up.
+        heading_rad: at the start.
+        runs: R.
+        slow_m_s: slower than this the heading is held.
+    """
+
+    def __init__(self, arm: tuple[float, float, float], heading_rad: float, runs: int, *, slow_m_s: float) -> None:
+        self._slow_m_s = slow_m_s
         self._forward, self._left, self._up = arm
         self.heading: FloatArray = np.full(runs, float(heading_rad))
         """(R,) as it was last known."""
@@ -44,13 +50,13 @@ class AntennaPose:
             self.heading,
             self._forward,
             self._left,
-            SLOW_M_S,
+            self._slow_m_s,
             _TIGHTEST_1_M,
         )
 
     def hear(self, speed: FloatArray, new: BoolArray) -> None:
         """Take the speed (R,) that the receiver tells with a new fix; NaN where it tells none."""
-        self._stands = np.where(new, speed < SLOW_M_S, self._stands)
+        self._stands = np.where(new, speed < self._slow_m_s, self._stands)
 
     def keep(self, heading: FloatArray) -> None:
         """Remember a heading (R,) at a fix."""

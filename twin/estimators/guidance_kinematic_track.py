@@ -84,14 +84,15 @@ class KinematicTrack:
         speed_variance: FloatArray,
         t_ns: IntArray,
         curved: BoolArray,
+        acceleration_variance: float,
     ) -> None:
-        """Start members at a position (R, 3) with a velocity of zero (eqs 7 and 8)."""
+        """Start members at a position (R, 3) with velocity and acceleration of zero (eqs 7 and 8)."""
         x, P = np.zeros((len(which), STATES)), np.zeros((len(which), STATES, STATES))
         x[:, P_] = position
         for axis in range(AXES):
             P[:, axis, axis] = variances[:, axis]
             P[:, V_.start + axis, V_.start + axis] = speed_variance
-            P[:, A_.start + axis, A_.start + axis] = np.where(curved, self._acceleration_variance, 0.0)
+            P[:, A_.start + axis, A_.start + axis] = np.where(curved, acceleration_variance, 0.0)
         self._put(which, x, P)
         self.t_ns = np.where(which, t_ns, self.t_ns)
         self._motion.curved = np.where(which, curved, self._motion.curved)

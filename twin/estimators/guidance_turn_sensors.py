@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from twin.errors import BadInputError
-from twin.estimators.guidance_kinematic_output import SLOW_M_S
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
     ODOMETRY,
@@ -39,7 +38,8 @@ class CurvatureSensors:
         BadInputError: no sensor tells one, or a steering angle goes with no wheelbase, or encoders with no wheels.
     """
 
-    def __init__(self, setup: EstimatorSetup, *, wheel_radius_m: float, track_m: float) -> None:
+    def __init__(self, setup: EstimatorSetup, *, wheel_radius_m: float, track_m: float, slow_m_s: float) -> None:
+        self._slow_m_s = slow_m_s
         found = {info.kind: info for info in reversed(list(setup.sensors.values())) if info.kind in TURN_SENSORS}
         best = next((kind for kind in TURN_SENSORS if kind in found), None)
         if best is None:
@@ -87,7 +87,7 @@ class CurvatureSensors:
     def curvature(self, speed: FloatArray) -> FloatArray:
         """Curvature (R,), 1/m, left positive, NaN where unknown; ``speed`` (R,) counts where no odometer tells one."""
         if self._kind == ANGLE_TRANSDUCER:
-            self._readings[self._count % _ZERO_READINGS] = np.where(speed >= SLOW_M_S, self._reading, np.nan)
+            self._readings[self._count % _ZERO_READINGS] = np.where(speed >= self._slow_m_s, self._reading, np.nan)
             self._count += 1
             return np.tan(self._reading - self._zero()) / self._wheelbase_m
         if self._odometer is not None:
@@ -96,7 +96,7 @@ class CurvatureSensors:
             self._since = np.where(enough[:, np.newaxis], 0.0, self._since)
             return np.where(enough, turned / np.where(enough, way, 1.0), np.nan)
         speed = np.where(np.isfinite(self._speed), self._speed, speed)
-        fast = np.abs(speed) >= SLOW_M_S
+        fast = np.abs(speed) >= self._slow_m_s
         return np.where(fast, self._reading / np.where(fast, speed, 1.0), np.nan)
 
     def _zero(self) -> FloatArray:
