@@ -172,6 +172,8 @@ def estimator_setup(
         earth_field=scenario.magnetics.earth_field,
         design_height_m=scenario.levelling.design_height_m,
         wheelbase_m=scenario.machine.wheelbase_m,
+        wheel_radius_m=scenario.machine.wheel_radius_m,
+        track_m=scenario.machine.track_m,
         reference_x_m=scenario.machine.reference_x_m,
         planned_path=_planned_path(scenario),
     )

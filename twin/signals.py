@@ -333,6 +333,10 @@ class EstimatorSetup:
     """Up coordinate of the level plane above which heights are told."""
     wheelbase_m: float = 0.0
     """Of the machine that carries it; zero where nothing steers."""
+    wheel_radius_m: float = 0.0
+    """Rolling radius of the wheels of its rear axle; zero where nobody tells."""
+    track_m: float = 0.0
+    """Between these wheels; zero where nobody tells."""
     reference_x_m: float = 0.0
     """How far before the middle of the rear axle the reference frame is, with every joint at zero."""
     planned_path: Path | None = None

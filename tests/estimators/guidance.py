@@ -72,6 +72,7 @@ def make_setup(
     sheets: Mapping[str, Mapping[str, float]] | None = None,
     arm: tuple[float, float, float] = ARM_M,
     wheelbase_m: float = WHEELBASE_M,
+    wheel_radius_m: float = RADIUS_M,
 ) -> EstimatorSetup:
     infos = {
         kind: SensorInfo(
@@ -92,6 +93,7 @@ def make_setup(
         rows_y_m=(),
         start_e_n_heading=start,
         wheelbase_m=wheelbase_m,
+        wheel_radius_m=wheel_radius_m,
     )
 
 
@@ -165,6 +167,10 @@ class Passes:
     """Of a wheel's way, 1 sigma, new every step."""
     steering_offset_rad: float = 0.02
     steering_noise_rad: float = 0.01
+    slip_angle_rad: float = 0.0
+    """Of the front wheel, 1 sigma, drawn once a second."""
+    sway_m: float = 0.0
+    """How far the antenna is swung to the side, 1 sigma, drawn once a second."""
     late_s: float = 0.0
     solutions: Sequence[Solution] | None = None
     """In order of time; without any, what the data sheet says of single positions."""
@@ -263,6 +269,16 @@ class Passes:
             error[round(self.jump_s / self.dt_s) :] += self.jump_m
         return error
 
+    @cached_property
+    def steering_offset(self) -> FloatArray:
+        """(R,) of the steering angle, rad."""
+        return self.steering_offset_rad * np.random.default_rng([self.seed, 4]).normal(size=self.runs)
+
+    def each_second(self, stream: int) -> FloatArray:
+        """(T, R) drawn once a second, sigma 1."""
+        second = (np.arange(self.steps) * self.dt_s).astype(int)
+        return np.random.default_rng([self.seed, stream]).normal(size=(second[-1] + 1, self.runs))[second]
+
     def told(self, name: str) -> FloatArray:
         """(T, 1) what the receiver says of its solution."""
         t_s = (np.arange(self.steps) + 1) * self.dt_s
@@ -285,6 +301,7 @@ class Passes:
         lsb = np.array(
             [sheet.get(f"{axis}_resolution_m", sheet["position_resolution_m"]) for axis in ("east", "north")]
         )
+        position = position + (self.sway_m * self.each_second(5))[..., np.newaxis] * np.stack([-sine, cosine], axis=-1)
         position = np.round((position + self.gnss_error) / lsb) * lsb
         along, aside = speed - ARM_M[1] * rate, ARM_M[0] * rate
         velocity = np.stack([along * cosine - aside * sine, along * sine + aside * cosine], axis=-1)
@@ -316,7 +333,7 @@ class Passes:
         ways = ways * wheel[:, np.newaxis] * (1.0 + self.slip_noise * rng.normal(size=ways.shape))
         slots = np.floor(np.cumsum(ways, axis=0) / SLOT_M + rng.uniform(size=(self.runs, 2)))
         steering = np.arctan(WHEELBASE_M * rate / np.maximum(speed, 0.1))
-        steering = steering + self.steering_offset_rad * rng.normal(size=self.runs)
+        steering = steering + self.steering_offset + self.slip_angle_rad * self.each_second(6)
         steering = steering + self.steering_noise_rad * rng.normal(size=shape)
         imu = np.zeros((*shape, 6))
         imu[..., 5] = yaw_rate

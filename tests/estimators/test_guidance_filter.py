@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tests.estimators.guidance import ALL, Passes, Solution, drive, fix, make_setup, pass_to_pass
+from tests.estimators.guidance import ALL, Passes, Solution, drive, fix, make_setup, measure, pass_to_pass
 from twin.errors import BadInputError
 from twin.estimators.guidance_filter import GuidanceFilter, GuidanceFilterConfig
 from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
+from twin.formats.geodetic import Origin
+from twin.formats.logs import open_log
+from twin.formats.nmea_out import nmea_sentences
+from twin.formats.nmea_style import NmeaStyle
 from twin.geometry import wrap_angle
 from twin.scoring.guidance_bound import GuidanceErrors, PassPlan, guidance_bound
 from twin.signals import EstimatorSetup, FloatArray
@@ -97,6 +102,57 @@ def test_innovations_are_white_noise() -> None:
     assert np.mean(nis[heard]) == pytest.approx(2.0, abs=0.15)
     along = values[heard][10:, :, guide.columns.index("innovation_e_m")]
     assert abs(np.mean(along[1:] * along[:-1]) / np.mean(np.square(along))) < 0.1
+
+
+@pytest.mark.parametrize("gnss_every", [1, 10])
+def test_slip_angles_that_last_are_not_taken_for_new_at_every_fix(gnss_every: int) -> None:
+    """A front wheel slips by 0.03 rad, drawn once a second: heading and offset are as wrong as said at 1 and at 10 Hz.
+
+    Normalised squares of 100 worlds have a mean of chi2(100) / 100, or less where something else is thought worse than
+    it is; were each of ten fixes a second believed to tell anew, those of the offset would be ten times as large.
+    """
+    sheets = {**RTK_SHEET, "angle_transducer": {"offset_sigma_rad": 0.02}}
+    world = Passes(
+        runs=100,
+        seed=31,
+        sheets=sheets,
+        solutions=[Solution(begin_s=0.0, **FIX)],
+        gnss_every=gnss_every,
+        slip_angle_rad=0.03,
+        length_m=30.0,
+    )
+    guide = make(world.setup(), noise=AS_SIMULATED)
+    place, squares = guide.layout.steering, []
+    epochs = set(np.linspace(150, world.steps - 1, 10).astype(int).tolist())
+    for step in range(world.steps):
+        for measurement in world.measurements(step):
+            guide.process(measurement)
+        if step in epochs:
+            said = guide.estimate(round((step + 1) * 1e8))
+            heading = wrap_angle(said.values[:, 2] - world.truth[step, :, 2]) / said.sigmas[:, 2]
+            offset = guide.engine.x[:, place] - world.steering_offset
+            squares.append([np.square(heading), np.square(offset) / guide.engine.P[:, place, place]])
+    assert (np.mean(squares, axis=-1) < chi2.ppf(0.99995, 100) / 100).all()
+
+
+@pytest.mark.parametrize("gnss_every", [1, 10])
+def test_a_sway_that_lasts_is_not_taken_for_new_at_every_fix(gnss_every: int) -> None:
+    """The antenna swings by 25 mm, drawn once a second, RTK: the position is as wrong as said at 1 and at 10 Hz."""
+    world = Passes(
+        runs=100,
+        seed=32,
+        sheets=RTK_SHEET,
+        solutions=[Solution(begin_s=0.0, **FIX)],
+        gnss_every=gnss_every,
+        sway_m=0.025,
+        length_m=30.0,
+    )
+    noise = {**AS_SIMULATED, "sway_rad": 0.01}  # of 2.5 m
+    values, _, covariance = drive(world, make(world.setup(), frame="absolute", noise=noise))
+    epochs = np.linspace(150, world.steps - 1, 10).astype(int)
+    errors = errors_of(world, values)[epochs, :, :2]
+    nees = np.einsum("tri,trij,trj->tr", errors, np.linalg.inv(covariance[epochs][..., :2, :2]), errors)
+    assert (nees.mean(axis=1) < chi2.ppf(0.99995, 200) / 100).all()
 
 
 @pytest.mark.parametrize("frame", ["relative", "absolute"])
@@ -248,9 +304,9 @@ def test_a_jump_is_the_receivers(jump: tuple[float, float]) -> None:
 def test_single_spikes_do_nothing() -> None:
     """A wild fix now and then is as good as none."""
     world = Passes(runs=1, seed=8, passes=1)
-    told = []
+    told, refused = [], []
     for spike in (40.0, np.nan):
-        guide, out = make(world.setup()), []
+        guide, out, gated = make(world.setup()), [], []
         for step in range(world.steps):
             for measurement in world.measurements(step):
                 values = measurement.values.copy()
@@ -258,9 +314,15 @@ def test_single_spikes_do_nothing() -> None:
                     values[:, :2] += spike * (-1.0) ** ((step + 1) // 100)
                     values[:, 3:5] = np.nan
                 guide.process(replace(measurement, values=values))
-            out.append(guide.estimate(round((step + 1) * 1e8)).values[:, :4])
+            estimate = guide.estimate(round((step + 1) * 1e8))
+            out.append(estimate.values[:, :4])
+            gated.append(column(guide, estimate.values, "gated").item())
         told.append(np.array(out)[10:])
+        refused.append(np.flatnonzero(gated) + 1)
     np.testing.assert_allclose(told[0], told[1], atol=1e-9)
+    # The outputs right after the spikes say so, once each; where there was no fix none was refused.
+    np.testing.assert_array_equal(refused[0], np.arange(100, world.steps + 1, 100))
+    assert len(refused[1]) == 0
 
 
 def test_a_float_that_lies_is_not_believed() -> None:
@@ -358,6 +420,50 @@ def test_after_a_long_silence_it_starts_anew() -> None:
     np.testing.assert_allclose(guide.estimate(round(1e12)).values[0, :2], [500.0, 70.0], atol=1e-6)
 
 
+def test_a_silent_receiver_costs_nothing_and_is_not_believed_for_long() -> None:
+    """Two hours of outputs after the last sample: a minute of looking ahead, a few spans each, and then nothing.
+
+    Looking ahead from where the gyro was heard last, the n-th output would take as many spans as it is quarters of a
+    second away: 240 at the end of the minute, and 28800 at the end of the two hours.
+    """
+    guide = make(make_setup(*ALL))
+    guide.process(fix(1.0, 0.0, 0.0, speed=1.0, course=0.0))
+    for k in range(11, 50):
+        guide.process(measure("yaw_gyro", 0.1 * k, [0.0]))
+        guide.process(measure("wheel_encoders", 0.1 * k, [13.0 * k, 13.0 * k]))
+    steps, mode = [], guide.columns.index("mode")
+    for engine in (guide.engine, guide._tip):
+        predict = engine.predict
+
+        def counted(*args: Any, predict: Any = predict) -> None:
+            steps.append(args)
+            predict(*args)
+
+        engine.predict = counted
+    modes = {}
+    for t_s in range(5, 7200, 5):
+        before = len(steps)
+        modes[t_s] = guide.estimate(t_s * 10**9).values[0, mode]
+        # five seconds of moving on in quarters, and two seconds of looking ahead
+        assert len(steps) - before <= 20 + 8 + 2
+    assert modes[5] == modes[60] == 2.0
+    assert not any(each for t_s, each in modes.items() if t_s > 61)
+    assert len(steps) <= 61 * 4 + 12 * 10
+    assert np.isnan(guide.estimate(7200 * 10**9).values[0, :4]).all()
+
+
+def test_inputs_are_forgotten_though_the_receiver_is_silent() -> None:
+    """What is older than a fix could ever ask for is not kept: a minute, and two seconds for the standstill."""
+    guide = make(make_setup("gnss", "yaw_gyro"))
+    guide.process(fix(1.0, 0.0, 0.0, speed=1.0, course=0.0))
+    for k in range(3000):
+        guide.process(measure("yaw_gyro", 1.0 + 0.1 * k, [0.0]))
+    assert guide.inputs.rate is not None
+    assert len(guide.inputs.rate) <= 10 * 62 + 2
+    guide.estimate(3600 * 10**9)
+    assert len(guide.inputs.rate) == 1
+
+
 def test_noise_that_no_data_sheet_tells_is_learned() -> None:
     """White noise of 0.5 m from a receiver of which nothing is known: innovations are as large as expected in the end.
 
@@ -375,6 +481,28 @@ def test_noise_that_no_data_sheet_tells_is_learned() -> None:
     nis = column(guide, values, "nis_position")[400:]
     # 20 worlds, some 37 fixes: the mean of 2 degrees of freedom is known within 2 / sqrt(740) = 0.07; learning adds
     assert np.nanmean(nis) == pytest.approx(2.0, abs=0.4)
+
+
+def test_noise_of_a_log_is_learned(tmp_path: Path) -> None:
+    """Sentences of a receiver that errs by 0.5 m from fix to fix: its log tells nothing of that, and it is found.
+
+    One run of some 500 fixes, of which the last 300 count: a mean of 2 known within 2 / sqrt(300) = 0.12; learning,
+    which averages over a dozen fixes, adds to that. Without it the mean would be (0.5 / 0.05)^2 times as large.
+    """
+    rough = {"single_position_white_sigma_m": 0.5, "single_position_correlated_sigma_m": 0.8}
+    sheet = {"gnss": {**rough, "single_position_correlation_s": 160.0}}
+    world = Passes(runs=1, seed=19, kinds=("gnss",), passes=1, length_m=550.0, sheets=sheet)
+    fixes = [measurement for step in range(world.steps) for measurement in world.measurements(step)]
+    path = tmp_path / "log.nmea"
+    path.write_text("".join(nmea_sentences(fixes, NmeaStyle(), Origin(latitude_deg=44.0, longitude_deg=11.0))))
+    log = open_log(path)
+    setup = replace(make_setup("gnss", start=(np.nan, np.nan, np.nan)), sensors=dict(log.sensors))
+    setup = replace(setup, reference=log.sensors["gnss"].mount)
+    guide, told = make(setup), []
+    for measurement in log.measurements():
+        guide.process(measurement)
+        told.append(column(guide, guide.estimate(measurement.t_available_ns).values, "nis_position")[0])
+    assert np.nanmean(told[-300:]) == pytest.approx(2.0, abs=0.5)
 
 
 def test_filterpy_steps_one_run() -> None:

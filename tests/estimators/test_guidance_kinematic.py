@@ -13,6 +13,7 @@ from tests.small_scenario import small_scenario
 from twin.errors import BadInputError
 from twin.estimation import estimator_setup
 from twin.estimators import build_estimator
+from twin.estimators.guidance_gps import GuidanceGpsConfig
 from twin.estimators.guidance_imm import GuidanceImmConfig
 from twin.estimators.guidance_kinematic import GuidanceKinematicConfig
 from twin.geometry import Path
@@ -24,9 +25,12 @@ BODY = Mount(body="body", xyz_m=(0.0, 0.0, 0.0))
 
 
 def make(setup: EstimatorSetup, kind: str = "guidance_kinematic", **options) -> Estimator:
-    options = {"kind": kind, "sensors": tuple(setup.sensors)} | options
+    return build_estimator(make_config(kind, sensors=tuple(setup.sensors), **options), setup)
+
+
+def make_config(kind: str, **options) -> GuidanceKinematicConfig | GuidanceImmConfig:
     which = GuidanceKinematicConfig if kind == "guidance_kinematic" else GuidanceImmConfig
-    return build_estimator(which.model_validate(options), setup)
+    return which.model_validate({"kind": kind, "sensors": ("gps",)} | options)
 
 
 def value(estimator: Estimator, column: str, t_s: float, member: int = 0) -> float:
@@ -162,6 +166,25 @@ def test_heading_is_held_while_slow(kind: str) -> None:
         wobble = 0.02 * rng.standard_normal(3)
         estimator.process(fix(0.2 * k, np.array([0.0, north, 0.0]) + wobble, speed=0.05, course=rng.uniform(-3, 3)))
     assert value(estimator, "heading_rad", 19.8) == pytest.approx(np.pi / 2, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_slow_is_what_the_option_says(kind: str) -> None:
+    # north at 0.3 m/s, set out to the east; nothing is told that is not told to every other guidance filter
+    headings = {}
+    for slow_m_s in (None, 0.5):
+        estimator = make(make_setup(), kind, start_s=0.0, **{} if slow_m_s is None else {"course_from_m_s": slow_m_s})
+        for k in range(300):
+            estimator.process(fix(0.2 * k, [0.0, 0.06 * k, 0.0], speed=0.3, course=np.pi / 2))
+        headings[slow_m_s] = value(estimator, "heading_rad", 59.8)
+    assert headings[None] == pytest.approx(np.pi / 2, abs=0.01)
+    assert headings[0.5] == 0.0
+
+
+def test_guidance_filters_share_their_defaults() -> None:
+    configs = [GuidanceGpsConfig(kind="guidance_gps", sensors=("gps",))]
+    configs += [make_config(kind) for kind in KINDS]
+    assert len({(config.rate_hz, config.course_from_m_s) for config in configs}) == 1
 
 
 @pytest.mark.parametrize("model", ["constant_velocity", "constant_acceleration"])
@@ -308,6 +331,15 @@ def test_wheels_tell_a_curve() -> None:
         modes.append(value(estimator, "mode_turning", 0.2 * k))
     assert not any(modes[:50])
     assert all(modes[56:])
+
+
+def test_wheels_of_unknown_size_tell_no_curve() -> None:
+    info = sensor("wheel_encoders", "left_slots", "right_slots", slots_per_turn=360.0)
+    by = {"by": "odometer_and_steering"}
+    with pytest.raises(BadInputError, match="nothing here tells how large they are and how far apart"):
+        make(make_setup(info, wheel_radius_m=0.5), switch=by)
+    make(make_setup(info, wheel_radius_m=0.5), switch=by | {"track_m": 1.6})
+    make(make_setup(info, wheel_radius_m=0.5, track_m=1.6), switch=by)
 
 
 def test_zero_of_the_steering_is_learnt() -> None:

@@ -10,6 +10,7 @@ import pytest
 from tests.estimators.guidance import ALL, WHEELBASE_M, Passes, drive, fix, make_setup, measure, pass_to_pass
 from twin.errors import BadInputError
 from twin.estimators.engines import EnsembleEngine
+from twin.estimators.guidance_epochs import Epochs
 from twin.estimators.guidance_pv import CLOSED, FILTERING, GuidancePv, GuidancePvConfig
 from twin.estimators.guidance_pv_model import Antenna, CorrectedMotion, PublishedMotion, Rows
 from twin.signals import NS_PER_S, EstimatorSetup
@@ -58,11 +59,8 @@ def test_three_steps_are_those_of_the_equations(engine: str) -> None:
         heading += rate if k else 0.0  # the first sample has no interval
         v = round(0.8 / slot_m) * slot_m if k else None
         z = np.array([*position, np.pi / 2 - heading, 0.0 if v is None else v, 0.05])
-        if x is None:
+        if x is None:  # it begins there, which is not told to it a second time
             x, P = z[:4].copy(), np.diag(P0)
-            # of the speed nothing is known yet: the row is left out
-            K = P[0, 0] / (P[0, 0] + R[0])
-            P = np.diag([2.0 * (1 - K), 2.0 * (1 - K), 0.1 * (1 - 0.1 / 0.35), 0.01])
             Phi = np.eye(4)
             Phi[0, 3], Phi[1, 3] = np.sin(x[2] + c * 0.05), np.cos(x[2] + c * 0.05)
             Phi[2, 3] = np.tan(0.05) / WHEELBASE_M
@@ -164,11 +162,73 @@ def test_new_row_begins_from_the_old_heading_turned() -> None:
         x, P = guide.engine.x[0], guide.engine.P[0]
         gyro = np.pi / 2 - (np.pi - 0.2)
         start = -np.pi / 2 if variant == "published" else gyro
-        weight = 0.1 / (0.1 + 0.25)  # P of eq 14 against R
         psi[variant] = x[2]
-        assert x[2] == pytest.approx(start + weight * (gyro - start), abs=1e-3)
-        assert P[2, 2] == pytest.approx(0.1 * 0.25 / 0.35, rel=0.05)
+        assert x[2] == pytest.approx(start, abs=1e-12)
+        np.testing.assert_array_equal(P, np.diag(P0))
     assert psi["corrected"] > psi["published"] + 0.1
+
+
+@pytest.mark.parametrize("variant", ["published", "corrected"])
+def test_the_fix_that_begins_is_not_counted_twice(variant: str) -> None:
+    """It is the state already: there is no innovation, and P is that of eq 14. The next one has one."""
+    guide = make(make_setup(*ALL), variant=variant)
+    told = []
+    for k in range(2):
+        feed(guide, k + 1.0, (3.0 + k, 0.0), rate=0.0, slots=100.0 * k, steer=0.0)
+        told.append(guide.estimate(round((k + 1.0) * NS_PER_S)).values[0, guide.columns.index("nis_position")])
+        if not k:
+            np.testing.assert_array_equal(guide.engine.P[0], np.diag(P0))
+    assert np.isnan(told[0])
+    assert np.isfinite(told[1])
+
+
+@pytest.mark.parametrize("first", ["yaw_gyro", "wheel_encoders"])
+def test_the_turn_of_the_first_second_in_motion_counts(first: str) -> None:
+    """Five seconds of rest show an offset of 0.01 rad/s; then it turns by 0.2 rad in the second in which it starts.
+
+    Whichever sensor is heard first, the heading has all of that turn, and the offset nothing of it. The first second of
+    the rest is not confirmed on both sides where the gyro comes last; its offset may stay in the heading.
+    """
+    setup = make_setup(*ALL)
+    infos = {info.kind: info for info in setup.sensors.values()}
+    config = GuidancePvConfig.model_validate({"kind": "guidance_pv", "sensors": ALL})
+    epochs, headings = Epochs(infos, setup, config), []
+    for k in range(10):
+        samples = {
+            "yaw_gyro": measure("yaw_gyro", k + 1.0, [0.01 + (0.2 if k == 6 else 0.0)]),
+            "wheel_encoders": measure("wheel_encoders", k + 1.0, [100.0 * max(k - 5, 0)] * 2),
+        }
+        epochs.add(fix(k + 1.0, 0.8 * max(k - 5, 0), 0.0))
+        for name in sorted(samples, key=lambda name: name != first):
+            epochs.add(samples[name])
+        headings.append(epochs.heading[0])
+    assert headings[6] == pytest.approx(0.2, abs=0.0101)
+    np.testing.assert_allclose(headings[7:], headings[6], atol=1e-12)
+
+
+@pytest.mark.parametrize("steering_state", [False, True])
+def test_closed_and_begun_corrected_it_tells_the_rear_axle(steering_state: bool) -> None:
+    """An antenna 1.5 m ahead and 0.1 m to the left, without errors: after each fix the position is exact.
+
+    North and then eastwards: at the start, closed in the turn to the right, and where the new row begins.
+    """
+    setup = make_setup(*ALL, start=(0.0, 0.0, np.pi / 2))
+    guide = make(setup, variant="corrected", steering_state=steering_state, straight_s=1.5)
+    modes = []
+    for k in range(12):  # on the spot, for simplicity: by 0.3 rad/s for five seconds
+        turned = -0.3 * min(max(k - 2, 0), 5)
+        ahead = np.exp(1j * (np.pi / 2 + turned))
+        antenna = 10.0 + 20.0j + ahead * (1.5 + 0.1j)
+        rate = -0.3 if 2 < k <= 7 else 0.0
+        # the counts go on: were the wheels still, the gyro would be set to zero
+        feed(guide, k + 1.0, (antenna.real, antenna.imag), rate=rate, slots=20.0 * k, steer=0.0)
+        said = guide.estimate(round((k + 1.0) * NS_PER_S)).values[0]
+        modes.append(said[guide.columns.index("mode")])
+        if k in {0, 5, 6, 7, 9}:
+            np.testing.assert_allclose(said[:2], [10.0, 20.0], atol=1e-9)
+    assert modes[0] == FILTERING
+    assert modes[5:9] == [CLOSED] * 4
+    assert modes[9] == FILTERING
 
 
 def test_steering_state_reads_the_transducer() -> None:
@@ -242,6 +302,20 @@ def test_after_a_long_silence_it_starts_anew() -> None:
 def test_filterpy_steps_one_run() -> None:
     with pytest.raises(BadInputError, match="steps one run"):
         make(make_setup(*ALL, runs=2), engine="filterpy")
+
+
+def test_wheels_of_unknown_size_are_refused() -> None:
+    """The machine tells their radius, or the owner does; nobody else's is taken for it."""
+    setup = make_setup(*ALL, wheel_radius_m=0.0)
+    with pytest.raises(BadInputError, match=r"wheel_radius_m: .wheel_encoders. counts turns of wheels"):
+        make(setup)
+    told = make(setup, wheel_radius_m=0.3)
+    of_machine = make(make_setup(*ALL, wheel_radius_m=0.3))
+    for guide in (told, of_machine):
+        for k in range(2):
+            feed(guide, k + 1.0, (0.0, 0.0), rate=0.0, slots=360.0 * k, steer=0.2)
+        # closed, it says what the wheels say: one turn in a second
+        assert guide.estimate(2 * NS_PER_S).values[0, 3] == pytest.approx(2.0 * np.pi * 0.3)
 
 
 def test_it_cannot_take_away_the_receivers_wander() -> None:

@@ -129,6 +129,16 @@ def test_a_simulated_receiver_reads_back_as_it_measured_to_its_digits(name: str,
     assert_same(np.array([each.values[0] for each in found]), given_values, how)
 
 
+@pytest.mark.parametrize(
+    ("resolution_m", "decimals"),
+    [(0.0185, 5), (0.01852, 5), (0.1, 5), (0.186, 4), (0.01, 6), (0.001, 7), (1.852, 3), (30.0, 2), (0.0, 7)],
+)
+def test_the_fewest_decimals_that_show_the_resolution(resolution_m: float, decimals: int) -> None:
+    # the last digit of a minute is 1852 m over a power of ten: no coarser than the output, but for rounded figures
+    style = usual_style(resolution_m=resolution_m, qualities=[1])
+    assert style.minute_decimals == decimals
+
+
 @given(
     values=st.fixed_dictionaries(
         {

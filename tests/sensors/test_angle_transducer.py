@@ -69,9 +69,13 @@ def test_the_n35_has_1024_steps_over_345_degrees() -> None:
 
 def test_the_n35_errs_as_its_figures_say() -> None:
     straight = read(np.zeros(2), runs=2000, **preset("potentiometer_n35"))
-    # In the middle of the range: 1 deg of mounting; the bow, evenly within 0.5 % of 345 deg, 1.725/sqrt(3); noise 0.1;
-    # rounding 0.337/sqrt(12). 2000 runs: 1.6 %.
-    expected = math.sqrt(1.0 + 1.725**2 / 3.0 + 0.1**2 + 0.337**2 / 12.0)
+    # With the wheels straight, where it was set to zero: 1 deg of mounting; noise 0.1; rounding 0.337/sqrt(12).
+    # 2000 runs: 1.6 %.
+    expected = math.sqrt(1.0 + 0.1**2 + 0.337**2 / 12.0)
     assert np.degrees(np.std(straight[0])) == pytest.approx(expected, rel=4 * 0.016)
+    # Turned by 60 deg the bow shows, drawn evenly within 0.5 % of 345 deg, less what it is in the middle.
+    turned = read(np.full(2, math.radians(60.0)), runs=2000, **preset("potentiometer_n35"))
+    bow = 1.725 * (1.0 - math.cos(math.pi * 60.0 / 345.0)) / math.sqrt(3.0)
+    assert np.degrees(np.std(turned[0])) == pytest.approx(math.hypot(expected, bow), rel=4 * 0.016)
     # Offset and bow stay: two readings differ by noise and rounding alone.
     assert np.degrees(np.abs(straight[1] - straight[0]).max()) < 2 * 0.337 + 5 * 0.1 * math.sqrt(2.0)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.world.conftest import MACHINES
 from twin.errors import BadInputError
 from twin.geometry import STANDARD_GRAVITY_M_S2 as G
 from twin.world.planter_f8 import FRONT_TRACK_M, WHEELBASE_M, WHEELS, PlanterF8Config
@@ -16,6 +17,7 @@ from twin.world.statics import static_loads
 from twin.world.tractor import ackermann
 from twin.world.urdf import read_urdf
 
+REAR_WHEELS = {f"{axle}_{side}" for axle in ("rear_wheel", "wheel_rear", "wheel") for side in ("left", "right")}
 ASSET = PlanterF8Config.asset
 
 
@@ -90,3 +92,19 @@ def test_soil_presets_are_brixius_with_the_standards_wheel_numerics() -> None:
     resistances = [SoilConfig(preset=name).soil().rolling_resistance for name in ("firm", "tilled", "soft", "paddy")]
     assert resistances == sorted(resistances)
     assert SoilConfig(preset="soft", friction=0.3).soil().friction == 0.3
+
+
+@pytest.mark.parametrize("kind", sorted(MACHINES))
+def test_a_machine_knows_its_rear_wheels(kind: str) -> None:
+    """Where its URDF has them, half a track to either side; they roll on no more than their free radius."""
+    config = MACHINES[kind](kind=kind)
+    urdf, model = read_urdf(config.asset), config.model(1)
+    rear = [wheel for wheel in model.wheels if wheel.joint in REAR_WHEELS]
+    if not rear:
+        assert config.wheel_radius_m == config.track_m == 0.0
+        return
+    hubs = {joint.name: urdf.zero_pose(joint.child)[0] for joint in urdf.joints}
+    half_m = 0.5 * config.track_m
+    assert sorted(hubs[wheel.joint][1] for wheel in rear) == pytest.approx([-half_m, half_m])
+    for wheel in rear:
+        assert 0.9 * wheel.radius_m < config.wheel_radius_m <= wheel.radius_m

@@ -63,6 +63,43 @@ def propagate(F: FloatArray, P: FloatArray, Q: FloatArray) -> FloatArray:  # noq
 
 
 @compiled
+def innovation_covariance(P: FloatArray, H: FloatArray, noise: FloatArray) -> FloatArray:
+    """S = H P H^T + diag(noise), (m, m, R); H (m, n, R) and noise (m, R)."""
+    parts, n, runs = H.shape
+    S, PHt = np.zeros((parts, parts, runs)), np.empty(n)
+    for r in range(runs):
+        for j in range(parts):
+            for a in range(n):
+                PHt[a] = 0.0
+                for b in range(n):
+                    PHt[a] += P[a, b, r] * H[j, b, r]
+            S[j, j, r] = noise[j, r]
+            for i in range(parts):
+                for a in range(n):
+                    S[i, j, r] += H[i, a, r] * PHt[a]
+    return S
+
+
+@compiled
+def normalised_square(y: FloatArray, S: FloatArray) -> FloatArray:
+    """y^T S^-1 y, (R,), of y (m, R) and S (m, m, R), by the factors L D L^T of S."""
+    parts, runs = y.shape
+    out, L, d, left = np.zeros(runs), np.zeros((parts, parts)), np.empty(parts), np.empty(parts)
+    for r in range(runs):
+        for i in range(parts):
+            d[i], left[i] = S[i, i, r], y[i, r]
+            for j in range(i):
+                L[i, j] = S[i, j, r]
+                for k in range(j):
+                    L[i, j] -= L[i, k] * d[k] * L[j, k]
+                L[i, j] /= d[j]
+                d[i] -= L[i, j] * L[i, j] * d[j]
+                left[i] -= L[i, j] * left[j]
+            out[r] += left[i] * left[i] / d[i]
+    return out
+
+
+@compiled
 def correct(  # noqa: C901, PLR0912, PLR0917 - plain loops, called by position
     x: FloatArray, P: FloatArray, H: FloatArray, y: FloatArray, R: FloatArray, mask: BoolArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -108,4 +145,28 @@ def correct(  # noqa: C901, PLR0912, PLR0917 - plain loops, called by position
             for j in range(n):
                 for m in range(size):
                     P_new[i, j, first + m] += rest[i, m] * K[j, m]
+    return x_new, P_new, nis
+
+
+@compiled
+def correct_in_turn(  # noqa: PLR0917 - called by position
+    x: FloatArray, P: FloatArray, H: FloatArray, y: FloatArray, R: FloatArray, mask: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """:func:`correct` by all components one after the other: H (m, n, R), y and R (m, R).
+
+    Each is corrected by what the components before it have not explained. Returns x, P and the normalised square of
+    all components, NaN where masked out; there ``y`` may be anything.
+    """
+    n, runs = x.shape
+    x_new, P_new, nis, left = x, P, np.zeros(runs), np.empty(runs)
+    for part in range(H.shape[0]):
+        for m in range(runs):
+            explained = 0.0
+            if part:
+                for i in range(n):
+                    explained += H[part, i, m] * (x_new[i, m] - x[i, m])
+            left[m] = y[part, m] - explained if mask[m] else 0.0
+        x_new, P_new, square = correct(x_new, P_new, H[part], left, R[part], mask)
+        for m in range(runs):
+            nis[m] += square[m] if mask[m] else np.nan
     return x_new, P_new, nis

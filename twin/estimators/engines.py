@@ -19,10 +19,12 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from twin.estimators.engine_kernels import correct, propagate
+from twin.errors import BadInputError
+from twin.estimators.engine_kernels import correct_in_turn, innovation_covariance, normalised_square, propagate
 from twin.signals import BoolArray, FloatArray
 
 EngineName = Literal["filterpy", "ensemble"]
+EngineOption = Literal["auto", "filterpy", "ensemble"]
 
 
 class Motion(Protocol):
@@ -61,8 +63,26 @@ class Innovation:
     @property
     def nis(self) -> FloatArray:
         """Normalised innovation squared y^T S^-1 y, shape (R,): chi-square with m degrees of freedom if consistent."""
-        nis: FloatArray = np.einsum("rm,rmk,rk->r", self.y, np.linalg.inv(self.S), self.y)
-        return nis
+        return normalised_square(_members_last(self.y), _members_last(self.S))
+
+
+class AboutState:
+    """An observation about one state: what is expected, and the Jacobian, are worked out once.
+
+    For a gate and the update that follows it, between which the engine's state does not change.
+    """
+
+    def __init__(self, observation: Observation, x: FloatArray) -> None:
+        self.R: FloatArray = observation.R
+        self._h, self._H = observation.h(x), observation.H(x)
+
+    def h(self, x: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Expected measurement, shape (R, m)."""
+        return self._h
+
+    def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
+        """Jacobian, shape (R, m, n) or (m, n)."""
+        return self._H
 
 
 class Engine(Protocol):
@@ -95,14 +115,28 @@ class Engine(Protocol):
 def innovation(engine: Engine, observation: Observation, z: FloatArray, R: FloatArray | None = None) -> Innovation:
     """Innovation of ``z`` (R, m) before an update: what gates look at.
 
-    It stands above the engines, so that a gate compares the same NumPy expression whichever engine runs.
+    It stands above the engines, so that a gate compares the same expression whichever engine runs.
     """
     x = engine.x
-    H = observation.H(x)
-    variances = observation.R if R is None else R
-    noise = variances[..., np.newaxis] * np.eye(H.shape[-2])
-    S = np.einsum("...mi,...ij,...kj->...mk", H, engine.P, H) + noise
-    return Innovation(z - observation.h(x), S)
+    runs = len(x)
+    noise = _of_members(observation.R if R is None else R, 2, runs)
+    S = innovation_covariance(_members_last(engine.P), _of_members(observation.H(x), 3, runs), noise)
+    return Innovation(z - observation.h(x), S.transpose(2, 0, 1))
+
+
+def compiled_unless_told(option: EngineOption, *, estimator: str, runs: int) -> EngineName:
+    """Engine of an estimator that steps with each fix of a log of any length: the ensemble's unless another is told.
+
+    Its compiled loops take a single run through small matrices sooner than filterpy's objects do.
+
+    Raises:
+        BadInputError: the filterpy engine was asked for more than one run.
+    """
+    if option == "filterpy" and runs > 1:
+        raise BadInputError(
+            f"[estimators.{estimator}] engine = 'filterpy': steps one run, not {runs}; allowed: auto, ensemble"
+        )
+    return "ensemble" if option == "auto" else option
 
 
 def make_engine(name: EngineName, x: FloatArray, P: FloatArray) -> Engine:
@@ -160,20 +194,19 @@ class EnsembleEngine:
         """Update the members where ``mask`` is True."""
         before = self.x
         variances, H = observation.R if R is None else R, observation.H(before)
-        shape = (len(mask), H.shape[-2])
-        y = np.where(mask[:, np.newaxis], z - observation.h(before), 0.0)
-        rows = _members_last(np.broadcast_to(H, (len(mask), *H.shape[-2:])))
-        variances = _members_last(np.broadcast_to(variances, shape))
-        nis = np.where(mask, 0.0, np.nan)
-        for part in range(H.shape[-2]):
-            left = y[:, part]
-            if part:  # what the parts before have not explained
-                left = left - np.einsum("ir,ri->r", rows[part], self.x - before)
-            self._x, self._P, explained = correct(
-                self._x, self._P, rows[part], np.ascontiguousarray(left), variances[part], mask
-            )
-            nis = nis + explained
+        y = _members_last(z - observation.h(before))
+        rows, noise = _of_members(H, 3, len(mask)), _of_members(variances, 2, len(mask))
+        self._x, self._P, nis = correct_in_turn(self._x, self._P, rows, y, noise, mask)
         return nis
+
+
+def _of_members(array: FloatArray, ndim: int, runs: int) -> FloatArray:
+    """The array with the ensemble axis last; where it lacks one (fewer than ``ndim`` axes), the same for all."""
+    if array.ndim == ndim:
+        return _members_last(array)
+    if runs == 1:
+        return np.ascontiguousarray(array[..., np.newaxis], dtype=np.float64)
+    return np.repeat(array[..., np.newaxis], runs, axis=-1)
 
 
 def _members_last(array: FloatArray) -> FloatArray:

@@ -17,10 +17,10 @@ import numpy as np
 
 from twin.config import Config, Names, Positive
 from twin.errors import BadInputError
+from twin.estimators.guidance_fix_kernels import roots_of_diagonal, row_of
 from twin.estimators.guidance_readers import ANGLE_TRANSDUCER, ODOMETRY, YAW_GYRO
 from twin.estimators.heading_inputs import WHEEL_ENCODERS
 from twin.estimators.roles import GNSS, IMU, RADAR, pick_sensors
-from twin.geometry import wrap_angle
 from twin.signals import HEADING, POSITION, SPEED, BoolArray, Estimate, EstimatorSetup, FloatArray, SensorInfo
 
 GUIDANCE_SENSORS = (GNSS, IMU, YAW_GYRO, WHEEL_ENCODERS, RADAR, ODOMETRY, ANGLE_TRANSDUCER)
@@ -28,8 +28,6 @@ GUIDANCE_SENSORS = (GNSS, IMU, YAW_GYRO, WHEEL_ENCODERS, RADAR, ODOMETRY, ANGLE_
 STATE_COLUMNS = (*POSITION[:2], HEADING, SPEED)
 INNOVATIONS = ("innovation_e_m", "innovation_n_m")
 NIS_POSITION = "nis_position"
-WHEEL_RADIUS_M = 0.4635
-"""Rolling radius of the rear wheels of the transplanter of :mod:`twin.world`."""
 
 
 class GuidanceConfig(Config):
@@ -46,10 +44,14 @@ class GuidanceConfig(Config):
 class SteeredConfig(GuidanceConfig):
     """What filters are told that count wheels."""
 
-    wheel_radius_m: Positive = WHEEL_RADIUS_M
-    """Rolling radius of the wheels with encoders."""
+    wheel_radius_m: Positive | None = None
+    """Rolling radius of the wheels with encoders; without it, that of the machine which carries the sensors."""
     wheelbase_m: Positive | None = None
     """Of a machine that steers; without it, that of the machine which carries the sensors."""
+
+    def wheel_radius_of(self, setup: EstimatorSetup) -> float:
+        """Rolling radius, m; zero where nobody tells."""
+        return setup.wheel_radius_m if self.wheel_radius_m is None else self.wheel_radius_m
 
     def wheelbase_of(self, setup: EstimatorSetup) -> float:
         """Wheelbase, m; zero where nothing is known to steer."""
@@ -97,24 +99,19 @@ class News:
 
     def __init__(self, columns: Sequence[str], runs: int) -> None:
         self.columns: tuple[str, ...] = tuple(columns)
-        self._values = np.full((runs, len(self.columns)), np.nan)
+        self._places = {column: place for place, column in enumerate(self.columns)}
+        self.values: FloatArray = np.full((runs, len(self.columns)), np.nan)
+        """(R, n); whoever tells them forgets them."""
 
     def put(self, column: str, values: FloatArray, mask: BoolArray | None = None) -> None:
         """Note values (R,) of a column where ``mask`` (R,) is True."""
-        place = self.columns.index(column)
-        kept = self._values[:, place]
-        self._values[:, place] = values if mask is None else np.where(mask, values, kept)
+        np.copyto(self.values[:, self._places[column]], values, where=True if mask is None else mask)
 
     def put_position(self, innovation: FloatArray, nis: FloatArray, mask: BoolArray) -> None:
         """Note a position's innovation (R, 2) and its normalised square (R,)."""
         for column, values in zip(INNOVATIONS, innovation.T, strict=True):
             self.put(column, values, mask)
         self.put(NIS_POSITION, nis, mask)
-
-    def take(self) -> FloatArray:
-        """All columns, (R, n), and forget them."""
-        values, self._values = self._values, np.full(self._values.shape, np.nan)
-        return values
 
 
 class GuidanceOutput:
@@ -129,8 +126,7 @@ class GuidanceOutput:
     def __init__(self, runs: int, *, nis: Sequence[str] = (), extra: Sequence[str] = ()) -> None:
         self.news = News((*INNOVATIONS, NIS_POSITION, *nis), runs)
         self.columns: tuple[str, ...] = (*STATE_COLUMNS, *extra, *self.news.columns)
-        self._extra = len(extra)
-        self._runs = runs
+        self._nothing = np.empty((runs, 0))
 
     def estimate(
         self,
@@ -145,13 +141,10 @@ class GuidanceOutput:
 
         ``extra`` (R, k) are the further columns; they get no sigma.
         """
-        state = state.copy()
-        state[:, 2] = wrap_angle(state[:, 2])
-        further = np.empty((self._runs, 0)) if extra is None else extra
-        values = np.concatenate([state, further, self.news.take()], axis=1)
-        all_sigmas = np.full(values.shape, np.nan)
         if covariance is not None:
-            sigmas = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-        if sigmas is not None:
-            all_sigmas[:, : state.shape[1]] = sigmas
+            sigmas = roots_of_diagonal(np.ascontiguousarray(covariance))
+        elif sigmas is None:
+            sigmas = np.full(state.shape, np.nan)
+        further = self._nothing if extra is None else np.ascontiguousarray(extra)
+        values, all_sigmas = row_of(np.ascontiguousarray(state), sigmas, further, self.news.values)
         return Estimate(t_ns=t_ns, values=values, sigmas=all_sigmas, covariance=covariance)

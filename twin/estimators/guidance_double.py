@@ -35,7 +35,6 @@ import numpy as np
 
 from twin.config import Config, Positive
 from twin.errors import BadInputError
-from twin.estimators.guidance_kinematic_output import SLOW_M_S
 from twin.estimators.guidance_kinematic_receiver import NEVER, Fix
 from twin.estimators.guidance_kinematic_track import KinematicTrack, Surprise
 from twin.estimators.guidance_turn_sensors import CurvatureSensors
@@ -59,10 +58,10 @@ class SwitchConfig(Config):
     """It ends where the radius grows beyond this."""
     smoothing_s: Positive = 0.5
     """Time constant of the curvature."""
-    wheel_radius_m: Positive = 0.5
-    """Of the wheels that have encoders."""
-    track_m: Positive = 1.5
-    """Between them."""
+    wheel_radius_m: Positive | None = None
+    """Rolling radius of the wheels that have encoders; without it, that of the machine which carries the sensors."""
+    track_m: Positive | None = None
+    """Between them; the same."""
     test_s: Positive = 5.0
     """Planned track: how long the other hypothesis is followed before it starts anew, if nothing speaks for it."""
     plan_odds: Positive = 100.0
@@ -108,8 +107,8 @@ class CurvatureSwitch:
 class CourseRateSwitch:
     """By the rate of the receiver's course over its speed."""
 
-    def __init__(self, config: SwitchConfig, runs: int) -> None:
-        self._judge = CurvatureSwitch(config, runs).judge
+    def __init__(self, config: SwitchConfig, runs: int, *, slow_m_s: float) -> None:
+        self._judge, self._slow_m_s = CurvatureSwitch(config, runs).judge, slow_m_s
         self._course: FloatArray = np.full(runs, np.nan)
         self._t_ns: IntArray = np.full(runs, NEVER)
 
@@ -124,7 +123,7 @@ class CourseRateSwitch:
         course = np.where(told, course, np.arctan2(track.x[:, 4], track.x[:, 3]))
         speed = np.where(told, speed, own)
         dt_s = np.where(fix.new & (self._t_ns != NEVER), fix.t_ns - self._t_ns, 0) / NS_PER_S
-        usable = fix.new & (speed >= SLOW_M_S) & (dt_s > 0.0)
+        usable = fix.new & (speed >= self._slow_m_s) & (dt_s > 0.0)
         way = np.where(usable, speed * dt_s, 1.0)
         turned = np.where(usable, wrap_angle(course - self._course), np.nan)
         self._course = np.where(fix.new, course, self._course)
@@ -144,9 +143,14 @@ class SensorSwitch:
         BadInputError: no sensor tells a curvature.
     """
 
-    def __init__(self, config: SwitchConfig, setup: EstimatorSetup) -> None:
+    def __init__(self, config: SwitchConfig, setup: EstimatorSetup, *, slow_m_s: float) -> None:
         self._judge = CurvatureSwitch(config, setup.runs).judge
-        self._sensors = CurvatureSensors(setup, wheel_radius_m=config.wheel_radius_m, track_m=config.track_m)
+        self._sensors = CurvatureSensors(
+            setup,
+            wheel_radius_m=setup.wheel_radius_m if config.wheel_radius_m is None else config.wheel_radius_m,
+            track_m=setup.track_m if config.track_m is None else config.track_m,
+            slow_m_s=slow_m_s,
+        )
         self._t_ns: IntArray = np.full(setup.runs, NEVER)
 
     def hear(self, measurement: Measurement) -> None:

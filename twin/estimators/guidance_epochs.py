@@ -7,7 +7,8 @@ taken, of a steering angle the last; a rate of turn is summed up to a heading.
 
 The gyro's offset is what it shows while the wheels stand still; the mean over the last standstill of a second or more
 is taken off. The paper does not say how it found its gyro's zero; without one, 0.3 deg/s of offset would be 30 degrees
-after 100 s.
+after 100 s. Gyro and encoders may come in either order, so a turn counts until the encoders have said of the time
+before and after it that they stand: then it was none, and is taken off again.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from twin.estimators.guidance_base import SteeredConfig
 from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
-    ODOMETRY,
+    RATE_KINDS,
+    SPEED_KINDS,
     STEERING_ANGLE,
-    YAW_GYRO,
     ColumnReader,
     Fix,
     FixReader,
@@ -31,8 +32,7 @@ from twin.estimators.guidance_readers import (
     rate_reader,
     speed_reader,
 )
-from twin.estimators.heading_inputs import WHEEL_ENCODERS
-from twin.estimators.roles import GNSS, IMU, RADAR
+from twin.estimators.roles import GNSS
 from twin.geometry import wrap_angle
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
@@ -41,9 +41,6 @@ _LONGEST_S = 2.0
 """What a sensor told longer ago than this is over."""
 _STANDING_M_S = 0.01
 _ZEROING_S = 1.0
-_RATES = (YAW_GYRO, IMU, ODOMETRY)
-_SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
-"""In the order in which they are preferred."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,16 +65,35 @@ class _Zero:
     """The gyro's offset: its mean over the last standstill that was long enough, zero before the first."""
 
     def __init__(self, runs: int) -> None:
-        self._offset, self._sum, self._time_s = np.zeros(runs), np.zeros(runs), np.zeros(runs)
+        self.offset: FloatArray = np.zeros(runs)
+        """(R,) rad/s."""
+        self._sum, self._time_s = np.zeros(runs), np.zeros(runs)
+        self._open, self._open_s, self._turned = np.zeros(runs), np.zeros(runs), np.zeros(runs)
+        self._stood: BoolArray = np.ones(runs, dtype=np.bool_)
 
-    def off(self, rate: FloatArray, dt_s: FloatArray, gone_on: BoolArray, standing: BoolArray) -> FloatArray:
-        """The rate (R,) less the offset; the samples of a standstill are summed up, after ``dt_s`` (R,) each."""
-        counts = gone_on & standing
-        self._sum = np.where(standing, self._sum + np.where(counts, rate * dt_s, 0.0), 0.0)
-        self._time_s = np.where(standing, self._time_s + np.where(counts, dt_s, 0.0), 0.0)
+    def hear(self, rate: FloatArray, dt_s: FloatArray) -> FloatArray:
+        """Take a rate (R,) that lasted ``dt_s`` (R,), and may yet turn out to be none; return the turn (R,)."""
+        turn = (rate - self.offset) * dt_s
+        self._open, self._open_s = self._open + rate * dt_s, self._open_s + dt_s
+        self._turned = self._turned + turn
+        return turn
+
+    def judge(self, standing: BoolArray, told: BoolArray) -> FloatArray:
+        """Take from the encoders, where ``told`` (R,), whether they stand; return the turns (R,) that were none."""
+        none = told & standing & self._stood
+        self._sum = np.where(told & ~standing, 0.0, self._sum + np.where(none, self._open, 0.0))
+        self._time_s = np.where(told & ~standing, 0.0, self._time_s + np.where(none, self._open_s, 0.0))
         enough = self._time_s >= _ZEROING_S
-        self._offset = np.where(enough, self._sum / np.where(enough, self._time_s, 1.0), self._offset)
-        return rate - self._offset
+        self.offset = np.where(enough, self._sum / np.where(enough, self._time_s, 1.0), self.offset)
+        feigned = np.where(none, self._turned, 0.0)
+        self._open, self._open_s = np.where(told, 0.0, self._open), np.where(told, 0.0, self._open_s)
+        self._turned = np.where(told, 0.0, self._turned)
+        self._stood = np.where(told, standing, self._stood)
+        return feigned
+
+    def keep(self, mask: BoolArray) -> None:
+        """The turns until now are not to be taken off where ``mask`` (R,)."""
+        self._turned = np.where(mask, 0.0, self._turned)
 
 
 class Epochs:
@@ -90,9 +106,10 @@ class Epochs:
     def __init__(self, infos: Mapping[str, SensorInfo], setup: EstimatorSetup, config: SteeredConfig) -> None:
         runs = self._runs = setup.runs
         self.receiver = FixReader(infos[GNSS], setup)
-        self._rate: ColumnReader | None = next((rate_reader(infos[k], setup) for k in _RATES if k in infos), None)
+        self._rate: ColumnReader | None = next((rate_reader(infos[k], setup) for k in RATE_KINDS if k in infos), None)
+        radius_m = config.wheel_radius_of(setup)
         self._speed: SpeedReader | None = next(
-            (speed_reader(infos[k], setup, wheel_radius_m=config.wheel_radius_m) for k in _SPEEDS if k in infos), None
+            (speed_reader(infos[k], setup, wheel_radius_m=radius_m) for k in SPEED_KINDS if k in infos), None
         )
         self._steering: ColumnReader | None = None
         if ANGLE_TRANSDUCER in infos:
@@ -109,8 +126,6 @@ class Epochs:
         self._rate_now, self._rate_ns = np.zeros(runs), np.full(runs, -NS_PER_S * 10**6)
         self._steering_now, self._steering_ns = np.zeros(runs), self._rate_ns.copy()
         self._way, self._time_s, self._pace = np.zeros(runs), np.zeros(runs), np.full(runs, np.nan)
-
-        self._standing: BoolArray = np.zeros(runs, dtype=np.bool_)
         self._zero = _Zero(runs)
 
     @property
@@ -142,6 +157,7 @@ class Epochs:
     def set_heading(self, heading: FloatArray, mask: BoolArray) -> None:
         """Count the heading from here where ``mask`` (R,)."""
         self.heading = np.where(mask, heading, self.heading)
+        self._zero.keep(mask)
 
     def _is_over(self, t_ns: int) -> bool:
         return self._pending is not None and t_ns > self._pending.t_available_ns + _PATIENCE_NS
@@ -151,18 +167,17 @@ class Epochs:
         if self._rate is not None and name == self._rate.name:
             told = self._rate.read(measurement)
             gone_on = told.there & (told.dt_s > 0.0) & (told.dt_s <= _LONGEST_S)
-            value = self._zero.off(told.value, told.dt_s, gone_on, self._standing)
-            self.heading = self.heading + np.where(gone_on & ~self._standing, value * told.dt_s, 0.0)
+            self.heading = self.heading + self._zero.hear(told.value, np.where(gone_on, told.dt_s, 0.0))
             broken = told.there & (told.dt_s > _LONGEST_S)
             self.heading = np.where(broken, np.nan, self.heading)  # whatever was turned meanwhile is not known
-            self._rate_now = np.where(told.there, value, self._rate_now)
+            self._rate_now = np.where(told.there, told.value - self._zero.offset, self._rate_now)
             self._rate_ns = np.where(told.there, told.t_ns, self._rate_ns)
         if self._speed is not None and name == self._speed.name:
             told = self._speed.read(measurement)
             span_s = np.where(told.there & (told.dt_s <= _LONGEST_S), told.dt_s, 0.0)
             self._way, self._time_s = self._way + told.value * span_s, self._time_s + span_s
             self._pace = np.where(told.there, told.value, self._pace)
-            self._standing = np.where(told.there, np.abs(told.value) < _STANDING_M_S, self._standing)
+            self.heading = self.heading - self._zero.judge(np.abs(told.value) < _STANDING_M_S, told.there)
         if self._steering is not None and name == self._steering.name:
             told = self._steering.read(measurement)
             self._steering_now = np.where(told.there, told.value, self._steering_now)
@@ -177,13 +192,7 @@ class Epochs:
         course = np.where(own_speed >= self._course_from_m_s, course, np.nan)
         self.set_heading(course, np.isnan(self.heading))
         heading = course if self._rate is None else self._unwrapped(course, now_ns - self._rate_ns > since)
-        pace = np.where(self._time_s > 0.0, self._way / np.where(self._time_s > 0.0, self._time_s, 1.0), self._pace)
-        speed = np.where(np.isnan(pace), own_speed, pace)
-        self._way, self._time_s, self._pace = (
-            np.zeros(self._runs),
-            np.zeros(self._runs),
-            np.full(self._runs, np.nan),
-        )
+        speed = own_speed if self._speed is None else self._mean_speed(own_speed)
         steered = now_ns - self._steering_ns <= since
         rate = np.where(now_ns - self._rate_ns <= since, self._rate_now, 0.0)
         return [
@@ -198,6 +207,14 @@ class Epochs:
                 steering_known=steered,
             )
         ]
+
+    def _mean_speed(self, own: FloatArray) -> FloatArray:
+        """Mean speed (R,) of the wheels since the last epoch, or the receiver's ``own`` (R,); begin a new mean."""
+        driven = self._time_s > 0.0
+        pace = np.where(driven, self._way / np.where(driven, self._time_s, 1.0), self._pace)
+        self._way, self._time_s = np.zeros(self._runs), np.zeros(self._runs)
+        self._pace = np.full(self._runs, np.nan)
+        return np.where(np.isnan(pace), own, pace)
 
     def _unwrapped(self, course: FloatArray, silent: BoolArray) -> FloatArray:
         """The summed heading; where its sensor is silent, the course, as that turn nearest to it."""

@@ -13,10 +13,12 @@ solution (:mod:`twin.estimators.guidance_filter_receiver`), what to make of chan
 position in a frame that is shifted by the receiver's error at the start; or ``"absolute"``, the best guess.
 
 **Late fixes.** The filter stands at the time of the last fix and looks ahead from there by what wheels and gyro have
-told since. A fix that is not later than the last one is not used.
+told since. A fix that is not later than the last one is not used. A minute after the last one it says nothing any more
+(mode 0), and starts anew with the next.
 
 Further columns: ``relative_sigma_e_m``, ``relative_sigma_n_m`` (how well the position is known but for the constant
-error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix).
+error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix),
+``gated`` (1 where a fix was refused since the last output).
 """
 
 from __future__ import annotations
@@ -27,17 +29,23 @@ from typing import Literal
 import numpy as np
 
 from twin.config import Positive
-from twin.errors import BadInputError
-from twin.estimators.engines import Engine, EngineName, Observation, innovation, make_engine
+from twin.estimators.engines import (
+    AboutState,
+    Engine,
+    EngineOption,
+    Observation,
+    compiled_unless_told,
+    innovation,
+    make_engine,
+)
 from twin.estimators.guidance_base import STATE_COLUMNS, GuidanceOutput, SteeredConfig, guidance_sensors, transported
 from twin.estimators.guidance_filter_core import Core, GatesConfig
 from twin.estimators.guidance_filter_inputs import Inputs, Span
+from twin.estimators.guidance_filter_kernels import told_state
 from twin.estimators.guidance_filter_model import (
     PSI,
     AntennaSeen,
-    E,
     Layout,
-    N,
     SpanMotion,
     StandingRate,
     SteeredRate,
@@ -50,8 +58,9 @@ from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
     ODOMETRY,
+    RATE_KINDS,
+    SPEED_KINDS,
     STEERING_ANGLE,
-    YAW_GYRO,
     ColumnReader,
     EncoderReader,
     Fix,
@@ -60,7 +69,7 @@ from twin.estimators.guidance_readers import (
     speed_reader,
 )
 from twin.estimators.heading_inputs import WHEEL_ENCODERS
-from twin.estimators.roles import GNSS, IMU, RADAR, mount_arm
+from twin.estimators.roles import GNSS, mount_arm
 from twin.signals import NS_PER_S, BoolArray, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
 KIND = "guidance_filter"
@@ -68,8 +77,10 @@ _LONGEST_NS = 250_000_000
 """Longer spans are taken in parts."""
 _PATIENCE_NS = 150_000_000
 """A fix waits so long for the other sensors."""
-_LONGEST_GAP_S = 60.0
-"""After a silence of all sensors as long as that the filter starts anew."""
+_LONGEST_GAP_NS = 60 * NS_PER_S
+"""After a silence of the receiver as long as that the filter starts anew, and until then it says nothing."""
+_SILENT_NS = 2 * NS_PER_S
+"""Looking ahead no longer waits for sensors that have been silent for so long."""
 _UNORIENTED_RAD = 0.5
 """A heading that is less certain is none."""
 _SHORT_NS = 200_000_000
@@ -79,9 +90,6 @@ _SPEED_NS = 400_000_000
 _SPEED_CHANGE_M_S2, _TURN_CHANGE_RAD_S = 0.1, 0.05
 """So much may speed and heading have changed per second since wheels and gyro were heard, 1 sigma; a choice: a machine
 may start, stop or turn in between two samples a second apart, and mostly does not."""
-_RATES = (YAW_GYRO, IMU, ODOMETRY)
-_SPEEDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
-"""In the order in which they are preferred."""
 
 
 class GuidanceFilterConfig(SteeredConfig):
@@ -90,8 +98,8 @@ class GuidanceFilterConfig(SteeredConfig):
     kind: Literal["guidance_filter"]
     frame: Literal["relative", "absolute"] = "relative"
     """Which position is told."""
-    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
-    """Kalman engine; auto: filterpy for a single run."""
+    engine: EngineOption = "auto"
+    """Kalman engine; auto: ensemble, whose compiled loops are quicker for a single run, too."""
     velocity: bool = True
     """Use the receiver's speed and course."""
     steering: bool = True
@@ -113,11 +121,6 @@ class GuidanceFilter:
     state_columns: tuple[str, ...] = STATE_COLUMNS
 
     def __init__(self, config: GuidanceFilterConfig, setup: EstimatorSetup) -> None:
-        if config.engine == "filterpy" and setup.runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs}; "
-                "allowed: auto, ensemble"
-            )
         infos = guidance_sensors(setup, estimator=KIND)
         self._config, self._runs = config, setup.runs
         self._reference_x_m = setup.reference_x_m
@@ -143,9 +146,7 @@ class GuidanceFilter:
         self._velocity_m_s = sheet.get("speed_noise_m_s", 0.0) or config.noise.velocity_m_s
         self._velocity_ratio = sheet.get("speed_noise_ratio", 0.0)
         self._lag_s = sheet.get("velocity_lag_s", 0.0)
-        name: EngineName = "filterpy" if setup.runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         nothing = np.zeros((setup.runs, self.layout.size))
         flat = np.repeat(np.eye(self.layout.size)[np.newaxis], setup.runs, axis=0)
         self.engine, self._tip = make_engine(name, nothing, flat), make_engine(name, nothing, flat)
@@ -157,15 +158,18 @@ class GuidanceFilter:
             start_variances=self.noise.start_variances,
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
+            sway_s=config.noise.sway_s,
             jump_s=self._errors.jump_s,
             white_told=self._errors.white_told,
         )
         self._now_ns: int | None = None
         self._tip_ns = 0
         self._accepted_ns = np.zeros(setup.runs, dtype=np.int64)
+        self._gated: BoolArray = np.zeros(setup.runs, dtype=np.bool_)
+        """(R,) whether a fix was refused since the last output."""
         self._waiting: list[Fix] = []
         nis = [*(("nis_velocity",) if config.velocity else ()), *(("nis_steering",) if steering else ())]
-        extra = ("relative_sigma_e_m", "relative_sigma_n_m", "mode")
+        extra = ("relative_sigma_e_m", "relative_sigma_n_m", "mode", "gated")
         self._output = GuidanceOutput(setup.runs, nis=nis, extra=extra)
         self.columns = self._output.columns
 
@@ -173,11 +177,13 @@ class GuidanceFilter:
 
     def _build_inputs(self, infos: dict[str, SensorInfo], setup: EstimatorSetup) -> None:
         config = self._config
-        rate = next((infos[kind] for kind in _RATES if kind in infos), None)
-        speed = next((infos[kind] for kind in _SPEEDS if kind in infos), None)
+        rate = next((infos[kind] for kind in RATE_KINDS if kind in infos), None)
+        speed = next((infos[kind] for kind in SPEED_KINDS if kind in infos), None)
         steering = infos.get(ANGLE_TRANSDUCER) if config.steering else None
         self._rate = None if rate is None else rate_reader(rate, setup)
-        self._speed = None if speed is None else speed_reader(speed, setup, wheel_radius_m=config.wheel_radius_m)
+        self._speed = (
+            None if speed is None else speed_reader(speed, setup, wheel_radius_m=config.wheel_radius_of(setup))
+        )
         self._steering = None if steering is None else ColumnReader(steering, setup, STEERING_ANGLE)
         self.inputs = Inputs(
             setup.runs,
@@ -205,6 +211,7 @@ class GuidanceFilter:
             self._waiting.append(self._receiver.read(measurement))
             self._waiting.sort(key=lambda fix: fix.t_ns)
         self._take_waiting(measurement.t_available_ns)
+        inputs.forget(measurement.t_available_ns - _LONGEST_GAP_NS)
 
     def _take_waiting(self, arrival_ns: int) -> None:
         while self._waiting:
@@ -222,7 +229,7 @@ class GuidanceFilter:
             return
         else:
             dt_s = (fix.t_ns - self._now_ns) / NS_PER_S
-            if dt_s > _LONGEST_GAP_S:
+            if fix.t_ns - self._now_ns > _LONGEST_GAP_NS:
                 self.core.started[:] = False
             else:
                 self._advance(self.engine, self._now_ns, fix.t_ns)
@@ -271,6 +278,7 @@ class GuidanceFilter:
         mask &= span.rate_known | (not self.layout.has_rate)
         bend = 1.0 + np.square(np.tan(np.clip(span.steering, -1.2, 1.2)))
         loose = np.square(self._config.noise.steering_rad * bend * speed / self._wheelbase_m)
+        loose *= max(self._config.noise.steering_s / span.dt_s, 1.0)  # the fixes of that time share it
         variance_of = (loose + self.noise.gyro.walk_noise**2 / span.dt_s)[:, np.newaxis]
         seen = SteeredRate(self.layout, span, wheelbase_m=self._wheelbase_m)
         nis = self._update_robustly(seen, span.rate[:, np.newaxis], mask, variance_of)
@@ -298,6 +306,7 @@ class GuidanceFilter:
         moves_by_itself = span.speed_known | (np.isfinite(fix.speed) & self._config.velocity)
         y, nis, taken, lost = core.hear(fix, error, white, going, may_jump=moves_by_itself)
         self._output.news.put_position(y, nis, going)
+        self._gated = self._gated | (going & core.doubting)
         core.anchor_better(error, taken)
         wrong = taken & core.lost(error)
         ahead = np.where(fast, course, self.engine.x[:, PSI])
@@ -332,6 +341,7 @@ class GuidanceFilter:
     def _update_robustly(self, seen: Observation, z: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
         """Update; what is beyond the gate weighs no more than if it were at it. Return the normalised innovation."""
         gate = self._config.gates.sigmas**2
+        seen = AboutState(seen, self.engine.x)
         nis = innovation(self.engine, seen, z, R).nis
         R = R * np.maximum(nis / gate, 1.0)[:, np.newaxis] ** 2
         self.engine.update(seen, z, mask, R)
@@ -342,12 +352,13 @@ class GuidanceFilter:
     def estimate(self, t_ns: int) -> Estimate:
         """Return the estimate at ``t_ns``."""
         self._take_waiting(t_ns)
-        if self._now_ns is None:
+        self.inputs.forget(t_ns - _LONGEST_GAP_NS)
+        if self._now_ns is None or t_ns - self._now_ns > _LONGEST_GAP_NS:
             nothing = np.full((self._runs, 4), np.nan)
-            extra = np.column_stack([nothing[:, :2], np.zeros(self._runs)])
+            extra = np.column_stack([nothing[:, :2], np.zeros((self._runs, 2))])
             return self._output.estimate(t_ns, nothing, np.full((self._runs, 4, 4), np.nan), extra=extra)
         begin_ns = self._tip_ns
-        settled = min(self.inputs.settled_ns or t_ns, t_ns)
+        settled = min(max(self.inputs.settled_ns or t_ns, t_ns - _SILENT_NS), t_ns)
         if settled > begin_ns:
             self._advance(self._tip, begin_ns, settled)
             begin_ns = self._tip_ns = settled
@@ -359,36 +370,24 @@ class GuidanceFilter:
         return self._tell(t_ns, x, P)
 
     def _tell(self, t_ns: int, x: FloatArray, P: FloatArray) -> Estimate:
-        layout, runs = self.layout, self._runs
+        layout = self.layout
         span = self.inputs.span(t_ns - _SPEED_NS, t_ns)
-        moving = np.where(span.standing, 0.0, 1.0)
-        T = np.zeros((runs, 4, layout.size))
-        T[:, 0, E] = T[:, 1, N] = T[:, 2, PSI] = 1.0
-        T[:, 3, V] = moving
-        speed = span.speed + x[:, V]
-        if layout.scale is not None:
-            T[:, 3, layout.scale] = moving * span.speed
-            speed = speed + span.speed * x[:, layout.scale]
-        state = np.column_stack([x[:, E], x[:, N], x[:, PSI], moving * speed])
-        relative = T.copy()
-        covariance = np.einsum("rij,rjk,rlk->ril", T, P, T)
-        covariance[:, 3, 3] += self._slot_variance * moving
+        state, covariance, alike = told_state(
+            np.ascontiguousarray(x), np.ascontiguousarray(P), layout.places, span.speed, span.standing
+        )
+        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._slot_variance)
         for place, of, change in (
             (3, self.inputs.speed, _SPEED_CHANGE_M_S2),
             (2, self.inputs.rate, _TURN_CHANGE_RAD_S),
         ):
             age_s = 0.0 if of is None or of.newest_ns is None else max(t_ns - of.newest_ns, 0) / NS_PER_S
             covariance[:, place, place] += (change * age_s) ** 2
-        if layout.anchor is not None:
-            anchor = x[:, layout.anchor : layout.anchor + 2]
-            state[:, :2] += anchor
-            covariance[:, :2, :2] += anchor[:, :, np.newaxis] * anchor[:, np.newaxis, :]
-            relative[:, 0, layout.anchor] = relative[:, 1, layout.anchor + 1] = 1.0
-        alike = np.einsum("rij,rjk,rik->ri", relative[:, :2], P, relative[:, :2])
         state, covariance = transported(state, covariance, self._reference_x_m, 0.0)
         coasting = t_ns - self._accepted_ns > round(self._config.coasting_s * NS_PER_S)
         mode = np.where(self.core.doubting, 3.0, np.where(coasting, 2.0, 1.0))
         unknown = ~self.core.started
-        state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
-        extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode])
+        if unknown.any():
+            state[unknown], covariance[unknown], alike[unknown], mode[unknown] = np.nan, np.nan, np.nan, 0.0
+        extra = np.column_stack([np.sqrt(np.maximum(alike, 0.0)), mode, self._gated])
+        self._gated = np.zeros_like(self._gated)
         return self._output.estimate(t_ns, state, covariance, extra=extra)

@@ -28,7 +28,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.config import Config, Positive
-from twin.estimators.engines import Engine, innovation
+from twin.estimators.engines import AboutState, Engine, innovation
 from twin.estimators.guidance_filter_model import PSI, AntennaSeen, E, Layout, N, ReceiverNoise, V
 from twin.estimators.guidance_filter_receiver import FixError
 from twin.estimators.guidance_readers import Fix
@@ -70,12 +70,14 @@ class Core:
         start_variances: Callable[[], FloatArray],
         gates: GatesConfig,
         sway_m: float,
+        sway_s: float,
         jump_s: float,
         white_told: bool,
     ) -> None:
         """``start_variances`` gives (n,) variances of all states but position, errors and anchor."""
         self.engine, self._layout, self._antenna = engine, layout, antenna
         self._start_variances, self._gates, self._sway_m = start_variances, gates, sway_m
+        self._sway_s = sway_s
         runs = engine.x.shape[0]
         self.started: BoolArray = np.zeros(runs, dtype=np.bool_)
         self.doubting: BoolArray = np.zeros(runs, dtype=np.bool_)
@@ -100,12 +102,13 @@ class Core:
     # --- fixes -------------------------------------------------------------------------------------------------------
 
     def white_variances(self, error: FixError, speeds: FloatArray, resolution_m: FloatArray, dt_s: float) -> FloatArray:
-        """Variances (R, 2) of what is new in a sample.
+        """Variances (R, 2) of what is new in a sample ``dt_s`` after the one before.
 
-        Rounding to steps of q is new (q^2 / 12) only once per step that is crossed: at a speed v along the axis,
-        ``speeds`` (R, 2), the samples of q / v seconds share it.
+        The samples of ``sway_s`` share the machine's tilt, which counts as often as it is new. Rounding to steps of q
+        is new (q^2 / 12) only once per step that is crossed: at a speed v along the axis, ``speeds`` (R, 2), the
+        samples of q / v seconds share it.
         """
-        white = self._wider * np.square(error.white_m) + self._sway_m**2
+        white = self._wider * np.square(error.white_m) + self._sway_m**2 * max(self._sway_s / dt_s, 1.0)
         crossing_s = resolution_m / np.maximum(np.abs(speeds), 1e-3)
         shared = np.clip(np.minimum(crossing_s, _STEP_S) / dt_s, 1.0, None)
         variances: FloatArray = white[:, np.newaxis] + np.square(resolution_m) / 12.0 * shared
@@ -183,9 +186,26 @@ class Core:
         self._meet(fix, error, mask)
         engine, gate = self.engine, self._gates.sigmas**2
         z = np.where(mask[:, np.newaxis], fix.position, 0.0)
-        before = innovation(engine, self._antenna, z, white)
+        seen = AboutState(self._antenna, engine.x)
+        before = innovation(engine, seen, z, white)
         y, nis = before.y, before.nis
         outside: BoolArray = mask & (nis > gate)
+        jumped, lost = outside, outside
+        if outside.any():
+            jumped = self._count_rejected(y, white, outside) & may_jump
+            lost = outside & ~may_jump
+            self._jump(jumped, y)
+        taken = mask & (~outside | jumped)
+        engine.update(seen, z, taken, white)
+        self.doubting = np.where(mask, outside & ~jumped & ~lost, self.doubting)
+        self._learn_white(nis, mask)
+        self._rejected = np.where(taken, 0, self._rejected)
+        self._alike = np.where(taken, 0, self._alike)
+        self._remember(fix, error, taken)
+        return y, nis, taken, lost
+
+    def _count_rejected(self, y: FloatArray, white: FloatArray, outside: BoolArray) -> BoolArray:
+        """Count innovations beyond the gate; return where (R,) there were so many that something has changed."""
         same = np.linalg.norm(y - self._last_rejected, axis=1) <= np.maximum(
             0.5 * np.linalg.norm(y, axis=1), self._gates.sigmas * np.sqrt(2.0 * white.sum(axis=1))
         )
@@ -193,18 +213,8 @@ class Core:
         self._rejected = np.where(outside, self._rejected + 1, self._rejected)
         self._alike = np.where(outside, np.where(same, self._alike + 1, 1), self._alike)
         self._last_rejected = np.where(outside[:, np.newaxis], y, self._last_rejected)
-        jumped: BoolArray = outside & ((self._alike >= self._gates.jump_epochs) | (self._rejected >= _MOST_REJECTED))
-        lost: BoolArray = outside & ~may_jump
-        jumped = jumped & may_jump
-        self._jump(jumped, y)
-        taken = mask & (~outside | jumped)
-        engine.update(self._antenna, z, taken, white)
-        self.doubting = np.where(mask, outside & ~jumped & ~lost, self.doubting)
-        self._learn_white(nis, mask)
-        self._rejected = np.where(taken, 0, self._rejected)
-        self._alike = np.where(taken, 0, self._alike)
-        self._remember(fix, error, taken)
-        return y, nis, taken, lost
+        enough = (self._alike >= self._gates.jump_epochs) | (self._rejected >= _MOST_REJECTED)
+        return np.logical_and(outside, enough)
 
     def _learn_white(self, nis: FloatArray, mask: BoolArray) -> None:
         """Where no data sheet tells what is new in a fix, the innovations do: their mean square is to be 2."""
@@ -230,6 +240,9 @@ class Core:
 
     def _set_noise(self, error: FixError, mask: BoolArray) -> None:
         noise = self.receiver
+        if mask.all():
+            self.receiver = replace(noise, slow_m=error.slow_m, slow_s=error.slow_s, jump_m=error.jump_m)
+            return
         self.receiver = replace(
             noise,
             slow_m=np.where(mask, error.slow_m, noise.slow_m),

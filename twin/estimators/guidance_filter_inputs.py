@@ -7,8 +7,7 @@ sample goes on as before until its next one; wheel encoders then make up for all
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections import deque
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,14 +23,18 @@ class Sum:
     """Sum over time of one quantity, for R runs."""
 
     def __init__(self, runs: int) -> None:
-        self._t_ns: deque[int] = deque()
-        self._sums: deque[FloatArray] = deque()
-        self._known: deque[BoolArray] = deque()
+        self._t_ns: list[int] = []
+        self._sums: list[FloatArray] = []
+        self._known: list[BoolArray] = []
         """Of the span that ends with the sample."""
         self._value = np.zeros(runs)
         self._at_sample = np.zeros(runs)
         self._last_ns: IntArray = np.zeros(runs, dtype=np.int64)
         self._heard: BoolArray = np.zeros(runs, dtype=np.bool_)
+
+    def __len__(self) -> int:
+        """Samples that are kept."""
+        return len(self._t_ns)
 
     @property
     def newest_ns(self) -> int | None:
@@ -74,10 +77,9 @@ class Sum:
 
     def forget(self, before_ns: int) -> None:
         """Drop what is older, but for the one sample that is needed to go on from there."""
-        while len(self._t_ns) > 1 and self._t_ns[1] <= before_ns:
-            self._t_ns.popleft()
-            self._sums.popleft()
-            self._known.popleft()
+        old = bisect_right(self._t_ns, before_ns) - 1
+        if old > 0:
+            del self._t_ns[:old], self._sums[:old], self._known[:old]
 
     def _at(self, t_ns: int) -> FloatArray:
         if not self._t_ns:

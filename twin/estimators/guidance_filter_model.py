@@ -25,7 +25,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.estimators.guidance_filter_inputs import Span
-from twin.signals import FloatArray
+from twin.estimators.guidance_filter_kernels import (
+    JUMP_M,
+    JUMP_S,
+    OTHER_M,
+    OTHER_S,
+    SLOW_M,
+    SLOW_S,
+    seen_antenna,
+    seen_velocity,
+    span_noise,
+    span_transition,
+)
+from twin.signals import BoolArray, FloatArray, IntArray
 
 E, N, PSI, B, V = range(5)
 
@@ -46,6 +58,9 @@ class Layout:
         self.has_rate, self.has_speed = rate, speed
         self.errors = np.arange(self.slow, self.size)
         """Places of all that is the receiver's."""
+        every = (self.scale, self.gyro_scale, self.steering, self.slow, self.other, self.jump, self.anchor)
+        self.places: IntArray = np.array([-1 if place is None else place for place in every], dtype=np.int64)
+        """All of them, -1 for those that are missing, as the compiled functions want them."""
 
     def _next(self, count: int) -> int:
         place, self.size = self.size, self.size + count
@@ -73,6 +88,15 @@ class MotionNoise:
     walk_m_rtm: float
     """Walk of the position per root of a metre driven: wheels that do not roll where they point."""
 
+    def row(self) -> FloatArray:
+        """All of them (9,), in the order of the compiled functions."""
+        return np.array(
+            [
+                *(self.heading_rad_rts, self.bias_rad_s_rts, self.turn_rad_s, self.turn_s),
+                *(self.acceleration_m_s2_rthz, self.slip_ratio, self.slip_s, self.scale_rts, self.walk_m_rtm),
+            ]
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceiverNoise:
@@ -99,91 +123,38 @@ class SpanMotion:
         turning: FloatArray,
     ) -> None:
         """``turning``: (R,) share of the rate of turn that counts, 1 but for a machine without a gyro that stands."""
-        self._layout, self._noise, self._span, self._receiver = layout, noise, span, receiver
-        self._turning = np.where(span.standing, 0.0, turning)
-        dt_s = span.dt_s
-        self._keep_slow = np.exp(-dt_s / receiver.slow_s)
-        self._keep_other = np.exp(-dt_s / receiver.other_s)
-        self._keep_jump = np.exp(-dt_s / receiver.jump_s)
-        self._keep_rate = np.where(span.rate_known, 1.0, 1.0 if layout.has_rate else np.exp(-dt_s / noise.turn_s))
-        self._keep_slip = np.where(span.speed_known, np.exp(-dt_s / noise.slip_s), 1.0)
+        self._layout, self._dt_s = layout, span.dt_s
+        self._means, self._known = moves_of(span, turning)
+        self._noise = noise.row()
+        self._receiver = np.empty((6, len(span.rate)))
+        self._receiver[SLOW_M], self._receiver[SLOW_S] = receiver.slow_m, receiver.slow_s
+        self._receiver[OTHER_M], self._receiver[OTHER_S] = receiver.other_m, receiver.other_s
+        self._receiver[JUMP_M], self._receiver[JUMP_S] = receiver.jump_m, receiver.jump_s
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """State after the span and its Jacobian; what moves the machine is the span's, not ``u``."""
-        layout, span = self._layout, self._span
-        moving = ~span.standing
-        k = 0.0 if layout.scale is None else x[:, layout.scale]
-        g = 0.0 if layout.gyro_scale is None else x[:, layout.gyro_scale]
-        turned = self._turning * dt_s * (span.rate * (1.0 + g) - x[:, B])
-        way = np.where(moving, dt_s * (span.speed * (1.0 + k) + x[:, V]), 0.0)
-        half = 0.5 * turned
-        chord = way * np.sinc(half / np.pi)
-        cosine, sine = np.cos(x[:, PSI] + half), np.sin(x[:, PSI] + half)
-        moved = x.copy()
-        moved[:, E] += chord * cosine
-        moved[:, N] += chord * sine
-        moved[:, PSI] += turned
-        F = np.repeat(np.eye(layout.size)[np.newaxis], len(x), axis=0)
-        F[:, E, PSI], F[:, N, PSI] = -chord * sine, chord * cosine
-        step = np.where(moving, dt_s, 0.0)
-        self._with_speed(F, V, step * cosine, step * sine)
-        self._with_rate(F, B, -dt_s * self._turning)
-        if layout.scale is not None:
-            self._with_speed(F, layout.scale, step * span.speed * cosine, step * span.speed * sine)
-        if layout.gyro_scale is not None:
-            self._with_rate(F, layout.gyro_scale, dt_s * self._turning * span.rate)
-        for place, keep in self._decays():
-            moved[:, place] *= keep
-            F[:, place, place] = keep
-        return moved, F
+        moved, F = span_transition(np.ascontiguousarray(x), *self._model)
+        return moved.T, F.transpose(2, 0, 1)
 
-    def Q(self, dt_s: float) -> FloatArray:  # noqa: N802
+    def Q(self, dt_s: float) -> FloatArray:  # noqa: ARG002, N802
         """Process noise of the span, (R, n, n)."""
-        layout, noise, span = self._layout, self._noise, self._span
-        runs = len(span.rate)
-        Q = np.zeros((runs, layout.size, layout.size))
-        moving = ~span.standing
-        speed = np.abs(span.speed)
-        walked = np.where(moving, noise.walk_m_rtm**2 * dt_s * np.maximum(speed, 0.1), 0.0)
-        Q[:, E, E] = Q[:, N, N] = walked
-        silent = (0.0 if not layout.has_rate else 1.0) * noise.turn_rad_s**2 * 2.0 * noise.turn_s
-        Q[:, PSI, PSI] = np.where(moving, np.where(span.rate_known, noise.heading_rad_rts**2, silent) * dt_s, 0.0)
-        if layout.has_rate:
-            Q[:, B, B] = noise.bias_rad_s_rts**2 * dt_s
-        else:
-            Q[:, B, B] = noise.turn_rad_s**2 * (1.0 - np.square(self._keep_rate))
-        slip = np.square(noise.slip_ratio * speed) * (1.0 - np.square(self._keep_slip))
-        Q[:, V, V] = np.where(span.speed_known, slip, noise.acceleration_m_s2_rthz**2 * dt_s)
-        if layout.scale is not None:
-            Q[:, layout.scale, layout.scale] = np.where(moving, noise.scale_rts**2 * dt_s, 0.0)
-        receiver = self._receiver
-        slow = np.square(receiver.slow_m) * (1.0 - np.square(self._keep_slow))
-        other = np.square(receiver.other_m) * (1.0 - np.square(self._keep_other))
-        jump = np.square(receiver.jump_m) * (1.0 - self._keep_jump**2)
-        for axis in range(2):
-            Q[:, layout.slow + axis, layout.slow + axis] = slow
-            Q[:, layout.other + axis, layout.other + axis] = other
-            if layout.jump is not None:
-                Q[:, layout.jump + axis, layout.jump + axis] = jump
-        return Q
+        return span_noise(self._layout.size, *self._model).transpose(2, 0, 1)
 
-    def _decays(self) -> list[tuple[int, FloatArray | float]]:
+    @property
+    def _model(self) -> tuple[IntArray, FloatArray, FloatArray, float, bool, FloatArray, BoolArray]:
         layout = self._layout
-        decays: list[tuple[int, FloatArray | float]] = [(B, self._keep_rate), (V, self._keep_slip)]
-        for axis in range(2):
-            decays += [(layout.slow + axis, self._keep_slow), (layout.other + axis, self._keep_other)]
-            if layout.jump is not None:
-                decays.append((layout.jump + axis, self._keep_jump))
-        return decays
+        return layout.places, self._noise, self._receiver, self._dt_s, layout.has_rate, self._means, self._known
 
-    def _with_speed(self, F: FloatArray, place: int, east: FloatArray, north: FloatArray) -> None:
-        F[:, E, place], F[:, N, place] = east, north
 
-    def _with_rate(self, F: FloatArray, place: int, turned: FloatArray) -> None:
-        """What a change of the rate does: the heading turns by ``turned`` (R,), the chord by half of it."""
-        F[:, PSI, place] = turned
-        F[:, E, place] = 0.5 * F[:, E, PSI] * turned
-        F[:, N, place] = 0.5 * F[:, N, PSI] * turned
+def moves_of(span: Span, turning: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Told rate, told speed and the share of the rate that counts, (3, R); and whether the first two are known and the
+    machine stands, (3, R).
+    """
+    means, known = np.empty((3, len(turning))), np.empty((3, len(turning)), dtype=np.bool_)
+    means[0], means[1], means[2] = span.rate, span.speed, turning
+    known[0], known[1], known[2] = span.rate_known, span.speed_known, span.standing
+    means[2, span.standing] = 0.0
+    return means, known
 
 
 class AntennaSeen:
@@ -194,27 +165,16 @@ class AntennaSeen:
     def __init__(self, layout: Layout, *, forward_m: float, left_m: float) -> None:
         self._layout, self._forward_m, self._left_m = layout, forward_m, left_m
 
-    def _arm(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        cosine, sine = np.cos(x[:, PSI]), np.sin(x[:, PSI])
-        return cosine * self._forward_m - sine * self._left_m, sine * self._forward_m + cosine * self._left_m
-
     def h(self, x: FloatArray) -> FloatArray:
         """Expected east and north, shape (R, 2)."""
-        slow, jump = self._layout.slow, self._layout.jump
-        seen = x[:, [E, N]] + np.stack(self._arm(x), axis=-1) + x[:, slow : slow + 2]
-        return seen if jump is None else seen + x[:, jump : jump + 2]
+        return self._seen(x)[0].T
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: N802
         """Jacobian, shape (R, 2, n)."""
-        layout = self._layout
-        east, north = self._arm(x)
-        jacobian = np.zeros((len(x), 2, layout.size))
-        for axis, place in enumerate((E, N)):
-            jacobian[:, axis, place] = jacobian[:, axis, layout.slow + axis] = 1.0
-            if layout.jump is not None:
-                jacobian[:, axis, layout.jump + axis] = 1.0
-        jacobian[:, 0, PSI], jacobian[:, 1, PSI] = -north, east
-        return jacobian
+        return self._seen(x)[1].transpose(2, 0, 1)
+
+    def _seen(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return seen_antenna(np.ascontiguousarray(x), self._layout.places, self._forward_m, self._left_m)
 
 
 class VelocitySeen:
@@ -228,47 +188,21 @@ class VelocitySeen:
     def __init__(
         self, layout: Layout, span: Span, *, turning: FloatArray, forward_m: float, left_m: float, lag_s: float
     ) -> None:
-        self._layout, self._span = layout, span
-        self._turning = np.where(span.standing, 0.0, turning)
+        self._layout, self._standing = layout, span.standing
+        self._means, _ = moves_of(span, turning)
         self._forward_m, self._left_m, self._lag_s = forward_m, left_m, lag_s
-
-    def _parts(self, x: FloatArray) -> tuple[FloatArray, ...]:
-        layout, span = self._layout, self._span
-        k = 0.0 if layout.scale is None else x[:, layout.scale]
-        g = 0.0 if layout.gyro_scale is None else x[:, layout.gyro_scale]
-        moving = ~span.standing
-        rate = self._turning * (span.rate * (1.0 + g) - x[:, B])
-        along = np.where(moving, span.speed * (1.0 + k) + x[:, V], 0.0) - self._left_m * rate
-        aside = self._forward_m * rate
-        direction = x[:, PSI] - self._lag_s * rate
-        cosine, sine = np.cos(direction), np.sin(direction)
-        return along * cosine - aside * sine, along * sine + aside * cosine, cosine, sine
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected velocity, shape (R, 2)."""
-        return np.stack(self._parts(x)[:2], axis=-1)
+        return self._seen(x)[0].T
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: N802
         """Jacobian, shape (R, 2, n)."""
-        layout, span = self._layout, self._span
-        east, north, cosine, sine = self._parts(x)
-        moving = np.where(span.standing, 0.0, 1.0)
-        jacobian = np.zeros((len(x), 2, layout.size))
-        jacobian[:, 0, PSI], jacobian[:, 1, PSI] = -north, east
-        jacobian[:, 0, V], jacobian[:, 1, V] = moving * cosine, moving * sine
-        if layout.scale is not None:
-            jacobian[:, :, layout.scale] = jacobian[:, :, V] * span.speed[:, np.newaxis]
-        with_rate = self._turning[:, np.newaxis] * np.stack(
-            [
-                -self._left_m * cosine - self._forward_m * sine + self._lag_s * north,
-                -self._left_m * sine + self._forward_m * cosine - self._lag_s * east,
-            ],
-            axis=-1,
-        )
-        jacobian[:, :, B] = -with_rate
-        if layout.gyro_scale is not None:
-            jacobian[:, :, layout.gyro_scale] = with_rate * span.rate[:, np.newaxis]
-        return jacobian
+        return self._seen(x)[1].transpose(2, 0, 1)
+
+    def _seen(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        arm = (self._forward_m, self._left_m, self._lag_s)
+        return seen_velocity(np.ascontiguousarray(x), self._layout.places, self._means, self._standing, *arm)
 
 
 class SteeredRate:

@@ -45,13 +45,17 @@ class NoiseConfig(Config):
     walk_m_rtm: NonNegative = 0.01
     """Walk of the position per root of a metre: wheels that do not roll where they point."""
     steering_rad: Positive = 0.03
-    """Of a mean steering angle against the way that is driven: slip angles, play."""
+    """Of a steering angle against the way that is driven: slip angles, play."""
+    steering_s: Positive = 1.0
+    """How long that lasts."""
     steering_offset_rad: Positive = 0.03
     """Offset of the steering angle, where the data sheet is silent."""
     start_heading_rad: Positive = 0.1
     """Of the heading at the start, as set out by the owner."""
     sway_rad: NonNegative = 0.01
     """Tilt of the machine: it moves the antenna by that times its height."""
+    sway_s: Positive = 1.0
+    """How long that lasts."""
     velocity_m_s: Positive = 0.1
     """Of a receiver's velocity, each axis, where the data sheet is silent."""
 

@@ -22,6 +22,7 @@ SINGLE, DIFFERENTIAL, FLOAT, FIXED = range(4)
 """Classes of solutions, from the worst to the best."""
 _CLASS_OF: Mapping[int, int] = {1: SINGLE, 2: DIFFERENTIAL, 3: DIFFERENTIAL, 4: FIXED, 5: FLOAT}
 """By NMEA quality; whatever else there is (dead reckoning, simulated, not told) is taken for the worst."""
+_CLASSES: IntArray = np.array([_CLASS_OF.get(quality, SINGLE) for quality in range(6)], dtype=np.int64)
 _PREFIXES = ("single_", "differential_", "float_", "")
 _USUAL = ((1.2, 160.0, 0.05), (0.45, 100.0, 0.05), (0.25, 80.0, 0.03), (0.006, 200.0, 0.004))
 """Slow sigma (m), its correlation time (s) and white sigma (m) of ordinary receivers: NEO-M8U standing and its 1 to 3 m
@@ -72,9 +73,8 @@ class FixErrors:
 
     def of(self, fix: Fix) -> FixError:
         """Errors of a sample."""
-        kind = np.full(len(fix.there), SINGLE)
-        for quality, each in _CLASS_OF.items():
-            kind[fix.quality == quality] = each
+        usual = (fix.quality >= 0.0) & (fix.quality < len(_CLASSES))  # False for NaN
+        kind = _CLASSES[np.where(usual, fix.quality, 0.0).astype(np.int64)]
         slow, correlation_s, white, jump = self._table[kind].T
         known: BoolArray = np.isfinite(fix.hdop) & (fix.hdop > 0.0)
         self._least_hdop = np.where(known & fix.there, np.fmin(fix.hdop, self._least_hdop), self._least_hdop)

@@ -19,9 +19,10 @@ from typing import Literal
 import numpy as np
 
 from twin.estimators.guidance_base import GuidanceConfig, GuidanceOutput, guidance_sensors
+from twin.estimators.guidance_fix_kernels import motion_of
 from twin.estimators.guidance_readers import Fix, FixReader
 from twin.estimators.roles import GNSS
-from twin.signals import NS_PER_S, POSITION, Estimate, EstimatorSetup, FloatArray, IntArray, Measurement
+from twin.signals import POSITION, Estimate, EstimatorSetup, FloatArray, IntArray, Measurement
 
 KIND = "guidance_gps"
 _LONGEST_WAY_S = 5.0
@@ -43,16 +44,9 @@ class Motion:
 
     def of(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
         """Speed (m/s) and course (rad) at a fix; NaN where neither is known."""
-        dt_s = (fix.t_ns - self._last_ns) / NS_PER_S
-        near = (dt_s > 0.0) & (dt_s <= _LONGEST_WAY_S)
-        velocity = (fix.position - self._last) / np.where(near, dt_s, np.nan)[:, np.newaxis]
-        velocity[~fix.there] = np.nan
-        self._last = np.where(fix.there[:, np.newaxis], fix.position, self._last)
-        self._last_ns = np.where(fix.there, fix.t_ns, self._last_ns)
-        told_speed, told_course = np.isfinite(fix.speed), np.isfinite(fix.course)
-        speed = np.where(told_speed, fix.speed, np.hypot(velocity[:, 0], velocity[:, 1]))
-        course = np.where(told_speed | told_course, fix.course, np.arctan2(velocity[:, 1], velocity[:, 0]))
-        return speed, course
+        return motion_of(
+            fix.t_ns, fix.position, fix.there, fix.speed, fix.course, self._last_ns, self._last, _LONGEST_WAY_S
+        )
 
 
 class GuidanceGps:

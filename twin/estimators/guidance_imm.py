@@ -30,6 +30,12 @@ What positions alone cannot do: where fixes err by 0.3 m five times a second, a 
 and until then the narrow straight mode is worse than a filter that was wide all along. On straights, in curves and at
 their ends ``"none"`` keeps up with the better of paper 004's two models; at their beginnings it takes the velocity.
 
+* **a receiver that smooths its positions** by a filter of its own, whose lag its data sheet tells, shows curves too
+  wide. What the modes say of position is then about what the receiver shows, and the track is set off by what a filter
+  with that lag trails by under the acceleration of the curve mode (:mod:`twin.estimators.guidance_imm_trail`). The
+  curve mode cannot have the lag in its measurement: nothing trails where a curve begins. A lag that nobody tells stays
+  in the track. That the figure may be wrong is in sigma, a quarter of what is set off.
+
 The filter follows its fixes, so its own covariance is about the way from their common error. Sigmas of the position
 include that error.
 
@@ -40,8 +46,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.errors import BadInputError
-from twin.estimators.engines import EngineName
+from twin.estimators.engines import compiled_unless_told
 from twin.estimators.guidance_imm_models import (
     A_,
     CURVE,
@@ -53,7 +58,9 @@ from twin.estimators.guidance_imm_models import (
     Sees,
     StraightOrCurve,
 )
+from twin.estimators.guidance_imm_trail import Trail
 from twin.estimators.guidance_kinematic import INNOVATION, NIS, TURNING, UNKNOWN_SPEED_M_S
+from twin.estimators.guidance_kinematic_kernels import velocity_sigmas
 from twin.estimators.guidance_kinematic_output import AntennaPose
 from twin.estimators.guidance_kinematic_receiver import NEVER, Fix, Receiver, ShortTermNoise, StandingStart
 from twin.estimators.imm_engine import Modes, make_imm, predicted
@@ -73,6 +80,8 @@ from twin.signals import (
 __all__ = ["GuidanceImm", "GuidanceImmConfig"]
 
 KIND = "guidance_imm"
+_TRAIL_ERROR_RATIO = 0.25
+"""So much of what a receiver is thought to trail by may be wrong, 1 sigma; a choice."""
 _STANDING_M_S = 0.1
 """1 sigma of the velocity of a vehicle that is seen standing."""
 
@@ -93,10 +102,6 @@ class GuidanceImm:
 
     def __init__(self, config: GuidanceImmConfig, setup: EstimatorSetup) -> None:
         runs = setup.runs
-        if config.engine == "filterpy" and runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {runs}; allowed: auto, ensemble"
-            )
         self._config = config
         self._receiver = receiver = Receiver(setup, estimator=KIND)
         self._start = StandingStart(
@@ -106,11 +111,9 @@ class GuidanceImm:
             longest_fixes=max(1.0, config.mean_s * receiver.info.rate_hz),
         )
         self._noise = ShortTermNoise(fallback_m=config.fallback_m, least_m=config.least_m, runs=runs)
-        self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs)
+        self._pose = AntennaPose(receiver.arm, setup.start_e_n_heading[2], runs, slow_m_s=config.course_from_m_s)
         self._models = StraightOrCurve(config)
-        name: EngineName = "filterpy" if runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=runs)
         mu = np.tile(self._models.shares, (runs, 1))
         self._sees = Sees(config, receiver)
         self._engine = make_imm(
@@ -120,6 +123,7 @@ class GuidanceImm:
         self._common: FloatArray = np.full((runs, 2), config.common_m**2)
         """(R, 2) variances of the errors that fixes have in common."""
         self._news: FloatArray = np.full((runs, 3), np.nan)
+        self._trail = Trail(receiver.info.datasheet.get("filter_lag_s2", 0.0), runs)
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -139,14 +143,15 @@ class GuidanceImm:
         used = fix.new & self._start.started & (fix.t_ns > self._t_ns)
         if not used.any():
             return
-        self._engine.predict(
-            self._models.motion(np.where(used, fix.t_ns - self._t_ns, 0) / NS_PER_S, self._engine.modes, self._common)
-        )
+        dt_s = np.where(used, fix.t_ns - self._t_ns, 0) / NS_PER_S
+        self._engine.predict(self._models.motion(dt_s, self._engine.modes, self._common))
         self._t_ns = np.where(used, fix.t_ns, self._t_ns)
         z, R = self._sees.read(fix, variance, self._engine.modes.mean()[0][:, A_])
         self._tell(fix, R, used)
         self._engine.update(z, R, used)
-        x = self._engine.modes.mean()[0]
+        modes = self._engine.modes
+        self._trail.step(modes.mu[:, CURVE, np.newaxis] * modes.x[:, CURVE, A_], dt_s)
+        x = modes.mean()[0]
         self._pose.hear(fix.of(SPEED), used)
         self._pose.keep(self._pose.turn(x[:, V_], x[:, A_], used)[0])
 
@@ -188,29 +193,20 @@ class GuidanceImm:
         x, P = modes.mean()
         heading, speed = self._pose.turn(x[:, V_], x[:, A_], started)
         antenna = np.zeros((len(x), 3))
-        antenna[:, :2] = np.where(started[:, np.newaxis], x[:, P_], self._start.position[:, :2])
+        antenna[:, :2] = np.where(started[:, np.newaxis], x[:, P_] + self._trail.offset_m, self._start.position[:, :2])
         place = self._pose.place(antenna, heading)[:, :2]
         own = np.where(
             started[:, np.newaxis, np.newaxis], P[:, P_, P_], self._start.covariance[:, :2, np.newaxis] * PAIR
         )
-        covariance = own + self._common[:, :, np.newaxis] * PAIR
+        trail = np.square(_TRAIL_ERROR_RATIO * self._trail.offset_m)
+        covariance = own + (self._common + trail)[:, :, np.newaxis] * PAIR
         covariance = np.where(np.isfinite(place)[:, :, np.newaxis], covariance, np.nan)
         values = np.column_stack(
             [place, heading, np.where(started, speed, 0.0), self._news, np.where(started, modes.mu[:, CURVE], 0.0)]
         )
         sigmas = np.full(values.shape, np.nan)
         sigmas[:, :2] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        sigmas[:, 2:4] = np.where(started[:, np.newaxis], _turned(x, P, speed), np.nan)
+        turned = velocity_sigmas(x[:, V_].copy(), P[:, V_, V_].copy(), speed)
+        sigmas[:, 2:4] = np.where(started[:, np.newaxis], turned, np.nan)
         self._news = np.full_like(self._news, np.nan)
         return Estimate(t_ns=t_ns, values=values, sigmas=sigmas, covariance=covariance)
-
-
-def _turned(x: FloatArray, P: FloatArray, speed: FloatArray) -> FloatArray:
-    """Sigmas (R, 2) of heading and speed."""
-    course = np.arctan2(x[:, 3], x[:, 2])
-    along = np.stack([np.cos(course), np.sin(course)], axis=-1)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    variances = [np.einsum("ri,rij,rj->r", by, P[:, V_, V_], by) for by in (across, along)]
-    sigmas: FloatArray = np.sqrt(np.maximum(np.stack(variances, axis=-1), 0.0))
-    sigmas[:, 0] = np.minimum(sigmas[:, 0] / np.maximum(np.abs(speed), 1e-3), np.pi)
-    return sigmas

@@ -6,9 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from twin.config import Config, Names, NonNegative, Positive
-from twin.estimators.guidance_kinematic_models import ProcessNoise, on_axes, transition
-from twin.estimators.guidance_kinematic_output import SLOW_M_S
+from twin.config import NonNegative, Positive
+from twin.estimators.engines import EngineOption
+from twin.estimators.guidance_base import GuidanceConfig
+from twin.estimators.guidance_imm_kernels import modes_motion, rates_of_turn, turning_transition
 from twin.estimators.guidance_kinematic_receiver import Fix, Receiver
 from twin.estimators.imm_engine import ModeMotion, Modes
 from twin.signals import FloatArray
@@ -20,19 +21,17 @@ P_, V_, A_ = slice(0, 2), slice(2, 4), slice(4, 6)
 """Places in the state."""
 PAIR: FloatArray = np.eye(2)
 _FASTEST_TURN_RAD_S = 1.0
+_SLOW_M_S = 0.5
+"""Slower than this, a velocity turns no faster than one of that size: it is noise that turns."""
 _USUAL_LAG_S = 0.2
 _UNTOLD = 1e8
 """Variance of a velocity that is not told."""
 
 
-class GuidanceImmConfig(Config):
-    """Options of :class:`GuidanceImm`; reasons in the module's docstring."""
+class GuidanceImmConfig(GuidanceConfig):
+    """Options of :class:`GuidanceImm`, whose only sensor is the receiver; reasons in the module's docstring."""
 
     kind: Literal["guidance_imm"]
-    sensors: Names
-    """The GNSS receiver."""
-    rate_hz: Positive = 50.0
-    """Output rate."""
     straight_m2_s3: Positive = 0.02
     """Density of the acceleration on straights."""
     curve_m2_s5: Positive = 0.05
@@ -65,48 +64,27 @@ class GuidanceImmConfig(Config):
     """How long fixes are averaged for the start."""
     start_s: NonNegative | None = None
     """When the vehicle begins to move; without it, when the receiver's speed says so."""
-    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
-    """auto: filterpy for a single run."""
+    engine: EngineOption = "auto"
+    """Kalman engine; auto: ensemble, whose compiled loops are quicker for a single run, too."""
 
 
 def rate_of_turn(x: FloatArray) -> FloatArray:
     """Rate (R,) at which velocity and acceleration of states (R, 6) turn, v x a / |v|^2, rad/s."""
-    square = x[:, 2] ** 2 + x[:, 3] ** 2
-    rate = (x[:, 2] * x[:, 5] - x[:, 3] * x[:, 4]) / np.maximum(square, SLOW_M_S**2)
-    bounded: FloatArray = np.clip(rate, -_FASTEST_TURN_RAD_S, _FASTEST_TURN_RAD_S)
-    return bounded
+    return rates_of_turn(x, _SLOW_M_S, _FASTEST_TURN_RAD_S)
 
 
 def turning(dt_s: FloatArray, rate: FloatArray) -> FloatArray:
     """Transition (R, 6, 6) of a vehicle whose acceleration turns at ``rate`` (R,): once and twice the integral of a
     rotation. With a rate of zero, eq 13 of paper 004.
     """
-    angle = rate * dt_s
-    square, cosine, sine = angle**2, np.cos(angle), np.sin(angle)
-    small = np.abs(angle) < 1e-2
-    safe = np.where(small, 1.0, angle)
-    sinc = np.where(small, 1.0 - square / 6.0 * (1.0 - square / 20.0), sine / safe)  # sin z / z
-    half = np.where(small, 0.5 - square / 24.0 * (1.0 - square / 30.0), (1.0 - cosine) / safe**2)
-    third = np.where(small, angle / 6.0 * (1.0 - square / 20.0), (angle - sine) / safe**2)
-    F = np.zeros((len(dt_s), STATES, STATES))
-    F[:] = np.eye(STATES)
-    F[:, P_, V_] = dt_s[:, np.newaxis, np.newaxis] * PAIR
-    for block, along, across in (
-        (P_, dt_s**2 * half, dt_s**2 * third),
-        (V_, dt_s * sinc, dt_s * angle * half),
-        (A_, cosine, sine),
-    ):
-        first, second = block.start, block.start + 1
-        F[:, first, 4] = F[:, second, 5] = along
-        F[:, first, 5], F[:, second, 4] = -across, across
-    return F
+    return turning_transition(dt_s, rate)
 
 
 class StraightOrCurve:
     """The two modes over any interval."""
 
     def __init__(self, config: GuidanceImmConfig) -> None:
-        self._noise = ProcessNoise(velocity=config.straight_m2_s3, acceleration=config.curve_m2_s5, form="continuous")
+        self._densities = config.straight_m2_s3, config.curve_m2_s5
         self._common_s = config.common_s
         self.turning = config.turning_m_s2**2
         self._leave = np.array([1.0 / config.straight_s, 1.0 / config.curve_s])
@@ -119,20 +97,9 @@ class StraightOrCurve:
 
     def motion(self, dt_s: FloatArray, modes: Modes, common: FloatArray) -> ModeMotion:
         """Transition over each member's interval (R,) from where its modes are; nothing changes over none."""
-        moves = dt_s > 0.0
-        straight = transition(dt_s)
-        straight[moves, 2, 2] = 0.0
-        straight[:, :2, 2] = 0.0
-        F = np.stack([on_axes(straight, 2), turning(dt_s, rate_of_turn(modes.x[:, CURVE]))])
-        noise = np.stack([self._noise.of_straight(dt_s), self._noise.of_curve(dt_s)])
-        noise[STRAIGHT, moves, 2, 2] = self.turning
-        Q = on_axes(noise, 2)
-        wander = 2.0 * common * dt_s[:, np.newaxis] / self._common_s
-        Q[:, :, range(2), range(2)] += wander
-        rate = self._leave.sum()
-        gone = -np.expm1(-rate * dt_s)[:, np.newaxis, np.newaxis]
-        M = np.eye(2) + gone * (self.shares - np.eye(2))
-        return ModeMotion(F, Q, M)
+        rate = rate_of_turn(np.ascontiguousarray(modes.x[:, CURVE]))
+        options = (*self._densities, self.turning, self._common_s, self._leave)
+        return ModeMotion(*modes_motion(dt_s, rate, common, *options))
 
 
 class Sees:

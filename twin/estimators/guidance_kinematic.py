@@ -7,7 +7,8 @@ are three coordinates with variances by the dilutions of precision (eq 10). Mode
 
 **As published:** eq 11 as printed and C_mm = sigma_0^2 diag(HDOP, HDOP, c^2 VDOP), with the paper's numbers.
 **Corrected:** a C_ww that is a covariance, and the squares of HDOP and VDOP, as standard deviations are proportional to
-them.
+them. Either starts from a position alone (eqs 7 to 9); published, velocity and acceleration are then certainly zero,
+corrected, the acceleration may be ``handover_m_s2``.
 
 **How far a track lies outside a bend** is known beforehand. The filter of one axis with the steady gain (K_p, K_v) lags
 behind an acceleration a by a dT (1 - K_p) / K_v; a = v^2 / r points to the middle of the bend, so the track is shown
@@ -25,9 +26,9 @@ from typing import Literal
 
 import numpy as np
 
-from twin.config import Config, Names, NonNegative, Positive
-from twin.errors import BadInputError
-from twin.estimators.engines import EngineName
+from twin.config import NonNegative, Positive
+from twin.estimators.engines import EngineOption, compiled_unless_told
+from twin.estimators.guidance_base import GuidanceConfig
 from twin.estimators.guidance_double import (
     CourseRateSwitch,
     ModelSwitch,
@@ -35,6 +36,7 @@ from twin.estimators.guidance_double import (
     SensorSwitch,
     SwitchConfig,
 )
+from twin.estimators.guidance_kinematic_kernels import velocity_sigmas
 from twin.estimators.guidance_kinematic_models import A_, P_, V_, ProcessNoise
 from twin.estimators.guidance_kinematic_output import AntennaPose
 from twin.estimators.guidance_kinematic_receiver import Fix, Receiver, StandingStart
@@ -50,14 +52,13 @@ UNKNOWN_SPEED_M_S = 10.0
 """1 sigma of each component of a velocity of which nothing is known."""
 
 
-class GuidanceKinematicConfig(Config):
-    """Options of :class:`GuidanceKinematic`; the numbers are the paper's unless said otherwise."""
+class GuidanceKinematicConfig(GuidanceConfig):
+    """Options of :class:`GuidanceKinematic`; the numbers are the paper's unless said otherwise.
+
+    Its sensors are the receiver, and what tells the double filter of curves.
+    """
 
     kind: Literal["guidance_kinematic"]
-    sensors: Names
-    """The GNSS receiver, and what tells the double filter of curves."""
-    rate_hz: Positive = 50.0
-    """Output rate."""
     model: Literal["constant_velocity", "constant_acceleration", "double"] = "double"
     variant: Literal["published", "corrected"] = "corrected"
     noise: Literal["step", "continuous"] = "step"
@@ -80,11 +81,11 @@ class GuidanceKinematicConfig(Config):
     """When the vehicle begins to move; without it, when the receiver's speed says so."""
     handover_m_s2: Positive = 2.0
     """1 sigma of each component of the acceleration when the double filter enters a curve: v^2 / r of a bend. The
-    paper does not say what it does."""
+    paper does not say what it does. Corrected, the constant-acceleration model starts with it, too."""
     switch: SwitchConfig = SwitchConfig()
     """The double filter's choice."""
-    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
-    """Kalman engine; auto: filterpy for a single run."""
+    engine: EngineOption = "auto"
+    """Kalman engine; auto: ensemble, whose compiled loops are quicker for a single run, too."""
 
 
 class GuidanceKinematic:
@@ -110,21 +111,14 @@ class GuidanceKinematic:
         )
         self.state_columns: tuple[str, ...] = POSITION[: self._axes]
         self._start = StandingStart(runs=runs, moving_m_s=self._receiver.moving_m_s, start_s=config.start_s)
-        self._pose = AntennaPose(self._receiver.arm, setup.start_e_n_heading[2], runs)
+        self._pose = AntennaPose(self._receiver.arm, setup.start_e_n_heading[2], runs, slow_m_s=config.course_from_m_s)
         self._track = self._make_track(setup)
         self._switch = self._make_switch(setup)
         self._news: FloatArray = np.full((runs, 1 + self._axes), np.nan)
 
     def _make_track(self, setup: EstimatorSetup) -> KinematicTrack:
         config = self._config
-        name: EngineName = "filterpy" if setup.runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
-        if name == "filterpy" and setup.runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs};"
-                " allowed: auto, ensemble"
-            )
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         noise = ProcessNoise(
             velocity=config.velocity_variance,
             acceleration=config.acceleration_variance,
@@ -138,9 +132,9 @@ class GuidanceKinematic:
             return None
         match config.switch.by:
             case "course_rate":
-                return CourseRateSwitch(config.switch, setup.runs)
+                return CourseRateSwitch(config.switch, setup.runs, slow_m_s=config.course_from_m_s)
             case "odometer_and_steering":
-                return SensorSwitch(config.switch, setup)
+                return SensorSwitch(config.switch, setup, slow_m_s=config.course_from_m_s)
             case "planned_track":
                 return PlannedTrackSwitch(config.switch, setup, self._make_track(setup))
 
@@ -193,6 +187,7 @@ class GuidanceKinematic:
             speed_variance=np.where(start.stood, 0.0, UNKNOWN_SPEED_M_S**2),
             t_ns=start.t_ns,
             curved=np.full(len(which), self._config.model == "constant_acceleration"),
+            acceleration_variance=0.0 if self._config.variant == "published" else self._config.handover_m_s2**2,
         )
 
     def _tell(self, surprise: Surprise, used: BoolArray) -> None:
@@ -210,23 +205,18 @@ class GuidanceKinematic:
         place = self._pose.place(antenna, heading)[:, :axes]
         variances = np.where(started[:, np.newaxis], P[:, :, 0, 0], self._start.covariance)[:, :axes]
         variances = np.where(np.isfinite(place), variances, np.nan)
-        turned = np.where(started, self._turned(x, P, speed), np.nan)
+        turned = np.where(started[:, np.newaxis], self._turned(x, P, speed), np.nan)
         values = np.column_stack(
             [place, heading, np.where(started, speed, 0.0), self._news, 1.0 * (self._track.curved & started)]
         )
         sigmas = np.full(values.shape, np.nan)
         sigmas[:, :axes] = np.sqrt(variances)
-        sigmas[:, axes : axes + 2] = turned.T
+        sigmas[:, axes : axes + 2] = turned
         self._news = np.full_like(self._news, np.nan)
         return Estimate(t_ns=t_ns, values=values, sigmas=sigmas, covariance=variances[:, :, np.newaxis] * np.eye(axes))
 
     @staticmethod
     def _turned(x: FloatArray, P: FloatArray, speed: FloatArray) -> FloatArray:
-        """Sigmas (2, R) of heading and speed, NaN where the filter states a negative variance."""
-        course = np.arctan2(x[:, 4], x[:, 3])
-        share = np.cos(course) ** 2
-        east, north = P[:, 0, 1, 1], P[:, 1, 1, 1]
-        across, along = (1.0 - share) * east + share * north, share * east + (1.0 - share) * north
-        sigmas = np.sqrt(np.where(np.stack([across, along]) >= 0.0, np.stack([across, along]), np.nan))
-        sigmas[0] = np.minimum(sigmas[0] / np.maximum(np.abs(speed), 1e-3), np.pi)
-        return sigmas
+        """Sigmas (R, 2) of heading and speed, NaN where the filter states a negative variance."""
+        level = P[:, :2, 1, 1]  # of the velocity east and north, which do not see one another
+        return velocity_sigmas(np.ascontiguousarray(x[:, V_][:, :2]), level[:, :, np.newaxis] * np.eye(2), speed)

@@ -32,6 +32,14 @@ from typing import Literal
 
 import numpy as np
 
+from twin.estimators.guidance_kinematic_kernels import (
+    CONTINUOUS,
+    PRINTED,
+    STEP,
+    axes_transition,
+    curve_noise,
+    straight_noise,
+)
 from twin.signals import BoolArray, FloatArray
 
 AXES = 3
@@ -39,6 +47,7 @@ AXES = 3
 STATES = 9
 P_, V_, A_ = slice(0, 3), slice(3, 6), slice(6, 9)
 """Places in the state."""
+_FORMS = {"printed": PRINTED, "step": STEP, "continuous": CONTINUOUS}
 
 
 def on_axes(block: FloatArray, axes: int = AXES) -> FloatArray:
@@ -79,27 +88,11 @@ class ProcessNoise:
 
     def of_straight(self, dt_s: FloatArray) -> FloatArray:
         """C_ww of one axis over ``dt_s`` (R,) with constant velocity, (R, 3, 3); zero where no time passes."""
-        Q = np.zeros((len(dt_s), 3, 3))
-        if self.form == "continuous":
-            Q[:, 0, 0], Q[:, 1, 1] = dt_s**3 / 3.0, dt_s
-            Q[:, 0, 1] = Q[:, 1, 0] = dt_s**2 / 2.0
-        else:
-            Q[:, 0, 0], Q[:, 0, 1], Q[:, 1, 0] = dt_s**2, dt_s, dt_s
-            Q[:, 1, 1] = 0.0 if self.form == "printed" else dt_s > 0.0
-        return self.velocity * Q
+        return straight_noise(dt_s, self.velocity, _FORMS[self.form])
 
     def of_curve(self, dt_s: FloatArray) -> FloatArray:
         """C_ww of one axis over ``dt_s`` (R,) with constant acceleration (eq 15), (R, 3, 3)."""
-        Q = np.zeros((len(dt_s), 3, 3))
-        if self.form != "continuous":
-            g = np.stack([0.5 * dt_s**2, dt_s, 1.0 * (dt_s > 0.0)], axis=-1)
-            Q[:] = g[:, :, np.newaxis] * g[:, np.newaxis, :]
-            return self.acceleration * Q
-        Q[:, 0, 0], Q[:, 1, 1], Q[:, 2, 2] = dt_s**5 / 20.0, dt_s**3 / 3.0, dt_s
-        Q[:, 0, 1] = Q[:, 1, 0] = dt_s**4 / 8.0
-        Q[:, 0, 2] = Q[:, 2, 0] = dt_s**3 / 6.0
-        Q[:, 1, 2] = Q[:, 2, 1] = dt_s**2 / 2.0
-        return self.acceleration * Q
+        return curve_noise(dt_s, self.acceleration, _FORMS[self.form])
 
 
 class KinematicMotion:
@@ -116,12 +109,16 @@ class KinematicMotion:
 
     def axis_noise(self, dt_s: FloatArray) -> FloatArray:
         """C_ww of one axis over ``dt_s`` (R,), each member by its model, (R, 3, 3)."""
+        if not self.curved.any():
+            return self._noise.of_straight(dt_s)
+        if self.curved.all():
+            return self._noise.of_curve(dt_s)
         which = self.curved[:, np.newaxis, np.newaxis]
         return np.where(which, self._noise.of_curve(dt_s), self._noise.of_straight(dt_s))
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """State (R, 9) after each member's interval, and the transition (R, 9, 9)."""
-        F = on_axes(transition(self.intervals_s))
+        F = axes_transition(self.intervals_s)
         return np.matmul(F, x[:, :, np.newaxis])[:, :, 0], F
 
     def Q(self, dt_s: float) -> FloatArray:  # noqa: ARG002, N802
@@ -144,13 +141,6 @@ class PositionSeen:
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
         """Jacobian, (3, 9)."""
         return self._H
-
-
-def per_axis(P: FloatArray) -> FloatArray:
-    """The three axes' own covariances (R, 3 axes, 3, 3) of P (R, 9, 9); between the axes there is none."""
-    blocks = P.reshape(len(P), 3, AXES, 3, AXES)
-    own: FloatArray = np.einsum("riaja->raij", blocks)
-    return own
 
 
 def steady_gain(F: FloatArray, Q: FloatArray, r: float) -> FloatArray:

@@ -14,19 +14,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.geometry import wrap_angle
+from twin.estimators.guidance_kinematic_kernels import turned_antenna, under_antenna
 from twin.signals import BoolArray, FloatArray
 
-SLOW_M_S = 0.5
-"""Slower than this the heading is held: velocities of single fixes err by a tenth of it."""
 _TIGHTEST_1_M = 1.0 / 4.0
 """Curvature of the tightest turn of a machine that steers; more is noise."""
 
 
 class AntennaPose:
-    """Pose of the reference frame from the motion of the antenna, for R members."""
+    """Pose of the reference frame from the motion of the antenna, for R members.
 
-    def __init__(self, arm: tuple[float, float, float], heading_rad: float, runs: int) -> None:
+    Args:
+        arm: antenna in the reference frame, metres forward, to the left, up.
+        heading_rad: at the start.
+        runs: R.
+        slow_m_s: slower than this the heading is held.
+    """
+
+    def __init__(self, arm: tuple[float, float, float], heading_rad: float, runs: int, *, slow_m_s: float) -> None:
+        self._slow_m_s = slow_m_s
         self._forward, self._left, self._up = arm
         self.heading: FloatArray = np.full(runs, float(heading_rad))
         """(R,) as it was last known."""
@@ -37,20 +43,20 @@ class AntennaPose:
 
         Where ``known`` (R,) is False, or the antenna is slow, the heading is the one last known.
         """
-        along = np.hypot(velocity[:, 0], velocity[:, 1])
-        fast = known & (along >= SLOW_M_S) & ~self._stands
-        safe = np.where(fast, along, 1.0)
-        turning = (velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]) / safe**2
-        omega = np.where(fast, np.clip(turning, -_TIGHTEST_1_M * safe, _TIGHTEST_1_M * safe), 0.0)
-        inwards = np.arcsin(np.clip(omega * self._forward / safe, -0.9, 0.9))
-        course = np.arctan2(velocity[:, 1], velocity[:, 0])
-        heading = np.where(fast, wrap_angle(course - inwards), self.heading)
-        speed: FloatArray = along * np.cos(inwards) + omega * self._left
-        return heading, speed
+        return turned_antenna(
+            np.ascontiguousarray(velocity),
+            np.ascontiguousarray(acceleration),
+            known & ~self._stands,
+            self.heading,
+            self._forward,
+            self._left,
+            self._slow_m_s,
+            _TIGHTEST_1_M,
+        )
 
     def hear(self, speed: FloatArray, new: BoolArray) -> None:
         """Take the speed (R,) that the receiver tells with a new fix; NaN where it tells none."""
-        self._stands = np.where(new, speed < SLOW_M_S, self._stands)
+        self._stands = np.where(new, speed < self._slow_m_s, self._stands)
 
     def keep(self, heading: FloatArray) -> None:
         """Remember a heading (R,) at a fix."""
@@ -58,9 +64,4 @@ class AntennaPose:
 
     def place(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:
         """Position (R, 3) of the reference under an antenna (R, 3)."""
-        cosine, sine = np.cos(heading), np.sin(heading)
-        place = np.array(antenna, dtype=np.float64)
-        place[:, 0] -= cosine * self._forward - sine * self._left
-        place[:, 1] -= sine * self._forward + cosine * self._left
-        place[:, 2] -= self._up
-        return place
+        return under_antenna(np.ascontiguousarray(antenna), heading, (self._forward, self._left, self._up))

@@ -43,7 +43,8 @@ class Fix:
 
     def of(self, column: str) -> FloatArray:
         """A further column, NaN where the receiver has none such."""
-        return self.told.get(column, np.full(len(self.new), np.nan))
+        told = self.told.get(column)
+        return np.full(len(self.new), np.nan) if told is None else told
 
 
 class Receiver:
@@ -100,6 +101,8 @@ class ShortTermNoise:
     def take(self, fix: Fix, standing: BoolArray) -> None:
         """Look at a fix, of members that stand."""
         used = standing & fix.new
+        if not used.any():
+            return
         half_square = 0.25 * ((fix.position[:, :2] - self._last) ** 2).sum(axis=1)
         compared = used & np.isfinite(half_square)
         self._count = self._count + compared
@@ -139,6 +142,8 @@ class StandingStart:
     def take(self, fix: Fix, variances: FloatArray) -> BoolArray:
         """Take a fix with its variances (R, 3) and return where the vehicle moves now for the first time, (R,)."""
         waiting = fix.new & ~self.started
+        if not waiting.any():
+            return waiting
         if self._start_ns is not None:
             moving = waiting & (fix.t_ns >= self._start_ns)
         else:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.estimators.engines import EngineName, innovation, make_engine
+from twin.estimators.guidance_kinematic_kernels import moved_axes
 from twin.estimators.guidance_kinematic_models import (
     A_,
     AXES,
@@ -20,8 +21,6 @@ from twin.estimators.guidance_kinematic_models import (
     KinematicMotion,
     PositionSeen,
     ProcessNoise,
-    per_axis,
-    transition,
 )
 from twin.estimators.guidance_kinematic_receiver import NEVER
 from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
@@ -85,14 +84,15 @@ class KinematicTrack:
         speed_variance: FloatArray,
         t_ns: IntArray,
         curved: BoolArray,
+        acceleration_variance: float,
     ) -> None:
-        """Start members at a position (R, 3) with a velocity of zero (eqs 7 and 8)."""
+        """Start members at a position (R, 3) with velocity and acceleration of zero (eqs 7 and 8)."""
         x, P = np.zeros((len(which), STATES)), np.zeros((len(which), STATES, STATES))
         x[:, P_] = position
         for axis in range(AXES):
             P[:, axis, axis] = variances[:, axis]
             P[:, V_.start + axis, V_.start + axis] = speed_variance
-            P[:, A_.start + axis, A_.start + axis] = np.where(curved, self._acceleration_variance, 0.0)
+            P[:, A_.start + axis, A_.start + axis] = np.where(curved, acceleration_variance, 0.0)
         self._put(which, x, P)
         self.t_ns = np.where(which, t_ns, self.t_ns)
         self._motion.curved = np.where(which, curved, self._motion.curved)
@@ -138,11 +138,8 @@ class KinematicTrack:
     def at(self, t_ns: int, known: BoolArray) -> tuple[FloatArray, FloatArray]:
         """State (R, 9) and covariance of each axis (R, 3 axes, 3, 3) at a later time, where known."""
         dt_s = np.where(known, np.maximum(t_ns - self.t_ns, 0), 0) / NS_PER_S
-        F = transition(dt_s)
-        x = np.einsum("rij,rja->ria", F, self.x.reshape(-1, 3, AXES)).reshape(-1, STATES)
-        F = F[:, np.newaxis]
-        moved = np.matmul(np.matmul(F, per_axis(self.P)), F.swapaxes(-1, -2))
-        return x, moved + self._motion.axis_noise(dt_s)[:, np.newaxis]
+        x, P = np.ascontiguousarray(self.x), np.ascontiguousarray(self.P)
+        return moved_axes(x, P, dt_s, self._motion.axis_noise(dt_s))
 
     def _put(self, which: BoolArray, x: FloatArray, P: FloatArray) -> None:
         here = which[:, np.newaxis]

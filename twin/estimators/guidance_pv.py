@@ -12,10 +12,11 @@ paper's further work: the steering angle as fifth state, a random walk, and a ro
 
 **In turns the filter is closed**: while the steering angle or the rate of turn is beyond a threshold, and until both
 have been within for ``straight_s``, position is the receiver's, heading the gyro's, speed the encoders'. In the new row
-it starts anew with the first P. The paper works in coordinates of the row and reverses the sign of the encoders there;
-in the twin's fixed axes that is a heading turned by pi. So the published variant starts from the old row's heading and
-as many half turns as come nearest to the gyro, the corrected one from the gyro itself. Without gyro and transducer
-nothing tells a turn, and the filter is never closed.
+it starts anew at the first fix there (the paper: "set the initial state variable with changed x and y"), with the first
+P; what began the row is not told to the filter a second time. The paper works in coordinates of the row and reverses
+the sign of the encoders there; in the twin's fixed axes that is a heading turned by pi. So the published variant starts
+from the old row's heading and as many half turns as come nearest to the gyro, the corrected one from the gyro itself.
+Without gyro and transducer nothing tells a turn, and the filter is never closed.
 
 **What is known to be wrong with it**, and kept as published: the receiver's error is taken for white noise (2.5 m, new
 in each fix) and is a bias of minutes, which the filter follows with a time constant of some 15 s; sigma does not know
@@ -33,8 +34,7 @@ import numpy as np
 from pydantic import Strict
 
 from twin.config import NonNegative, Positive
-from twin.errors import BadInputError
-from twin.estimators.engines import EngineName, innovation, make_engine
+from twin.estimators.engines import EngineOption, compiled_unless_told, innovation, make_engine
 from twin.estimators.guidance_base import STATE_COLUMNS, GuidanceOutput, SteeredConfig, guidance_sensors, transported
 from twin.estimators.guidance_epochs import Epoch, Epochs
 from twin.estimators.guidance_pv_model import (
@@ -58,6 +58,9 @@ _STEP_S = 1.0
 _LONGEST_GAP_S = 10.0
 """After a silence as long as that the filter starts anew."""
 _NORTH = 0.5 * np.pi
+_FLIP = np.array([1.0, 1.0, -1.0, 1.0])
+_FLIPPED = _FLIP[:, np.newaxis] * _FLIP
+"""Of a covariance, where the heading is counted the other way round."""
 
 Four = Annotated[tuple[Positive, Positive, Positive, Positive], Strict(strict=False)]
 Five = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(strict=False)]
@@ -71,8 +74,8 @@ class GuidancePvConfig(SteeredConfig):
     """Eqs 4 and 6 as printed, or put right."""
     steering_state: bool = False
     """The steering angle as fifth state."""
-    engine: Literal["auto", "filterpy", "ensemble"] = "auto"
-    """Kalman engine; auto: filterpy for a single run."""
+    engine: EngineOption = "auto"
+    """Kalman engine; auto: ensemble, whose compiled loops are quicker for a single run, too."""
     process: Four = (0.033, 0.033, 0.003, 0.0025)
     """Diagonal of Q per second (eq 12): m^2, m^2, rad^2, (m/s)^2."""
     measurement: Five = (6.25, 6.25, 0.25, 0.025, 0.025)
@@ -104,19 +107,12 @@ class GuidancePv:
     state_columns: tuple[str, ...] = STATE_COLUMNS
 
     def __init__(self, config: GuidancePvConfig, setup: EstimatorSetup) -> None:
-        if config.engine == "filterpy" and setup.runs > 1:
-            raise BadInputError(
-                f"[estimators.{setup.name}] engine = 'filterpy': steps one run, not {setup.runs}; "
-                "allowed: auto, ensemble"
-            )
         infos = guidance_sensors(setup, estimator=KIND)
         self._config, self._runs = config, setup.runs
         self._published = config.variant == "published"
         self._epochs = Epochs(infos, setup, config)
         self._build_model(config, setup)
-        name: EngineName = "filterpy" if setup.runs == 1 else "ensemble"
-        if config.engine != "auto":
-            name = config.engine
+        name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         start, x = setup.start_e_n_heading[2], np.zeros((setup.runs, self._states))
         self._start_known = bool(np.isfinite(start))
         x[:, PSI] = _NORTH - start if self._start_known else 0.0
@@ -179,17 +175,20 @@ class GuidancePv:
         self._now_ns = t_ns
         self._delta = -epoch.steering  # of the next step: eq 10 has Phi(k)
         z = np.column_stack([epoch.fix.position, _NORTH - epoch.heading, epoch.speed, self._delta])
-        self._change_modes(epoch, z)
-        self._update(epoch, z, self._mode == FILTERING)
+        begun = self._change_modes(epoch, z)
+        self._update(epoch, z, (self._mode == FILTERING) & ~begun)
 
-    def _change_modes(self, epoch: Epoch, z: FloatArray) -> None:
+    def _change_modes(self, epoch: Epoch, z: FloatArray) -> BoolArray:
+        """Close, begin or go on; return which members (R,) begin a row with this epoch."""
         config, now_ns, there = self._config, epoch.fix.t_available_ns, epoch.fix.there
         turning = (np.abs(epoch.steering) > config.turn_steering_rad) | (np.abs(epoch.rate) > config.turn_rate_rad_s)
+        if not turning.any() and (self._mode == FILTERING).all():
+            return
         self._turned_ns = np.where(turning, now_ns, self._turned_ns)
         straight = ~turning & (self._turned_ns <= now_ns - round(config.straight_s * NS_PER_S))
         waiting = self._mode == WAITING
         oriented = epoch.heading_known | ~waiting | self._start_known
-        starting = straight & (self._mode != FILTERING) & there & oriented
+        starting: BoolArray = straight & (self._mode != FILTERING) & there & oriented
         closing = turning & (self._mode == FILTERING)
         self._row_psi = np.where(closing, self.engine.x[:, PSI], self._row_psi)
         begun_in_turn = waiting & ~straight & there & oriented
@@ -197,11 +196,17 @@ class GuidancePv:
         self._pass_on(z, epoch, (self._mode == CLOSED) | starting)
         self._start(starting, epoch.heading_known)
         self._mode = np.where(starting, FILTERING, self._mode)
+        return starting
 
     def _pass_on(self, z: FloatArray, epoch: Epoch, mask: BoolArray) -> None:
-        """Take what the sensors say for the state."""
+        """Take what the sensors say for the state; corrected, the position is the antenna's less its arm."""
         if not mask.any():
             return
+        if isinstance(self._position, Antenna):
+            turned = self.engine.x.copy()
+            turned[:, PSI] = np.where(epoch.heading_known, z[:, PSI], turned[:, PSI])
+            z = z.copy()
+            z[:, :2] -= self._position.arm(turned)
         there = epoch.fix.there
         known = np.column_stack([there, there, epoch.heading_known, epoch.speed_known, epoch.steering_known])
         taken = (known & mask[:, np.newaxis])[:, : self._states]
@@ -244,14 +249,16 @@ class GuidancePv:
         for epoch in self._epochs.close(t_ns):
             self._step(epoch)
         x, P = self._ahead(t_ns)
-        closed = (self._mode == CLOSED) & np.isfinite(self._epochs.heading) & self._epochs.sums_rates
-        state = np.column_stack([x[:, X], x[:, Y], _NORTH - x[:, PSI], x[:, V]])
-        state[:, 2] = np.where(closed, self._epochs.heading, state[:, 2])
-        flip = np.array([1.0, 1.0, -1.0, 1.0])
-        covariance = P[:, :4, :4] * flip[:, np.newaxis] * flip
+        state = x[:, : V + 1].copy()
+        state[:, 2] = _NORTH - state[:, 2]
+        if self._epochs.sums_rates:
+            closed = (self._mode == CLOSED) & np.isfinite(self._epochs.heading)
+            state[:, 2] = np.where(closed, self._epochs.heading, state[:, 2])
+        covariance = P[:, :4, :4] * _FLIPPED
         state, covariance = transported(state, covariance, *self._to_reference)
         nothing = self._mode == WAITING
-        state[nothing], covariance[nothing] = np.nan, np.nan
+        if nothing.any():
+            state[nothing], covariance[nothing] = np.nan, np.nan
         return self._output.estimate(t_ns, state, covariance, extra=self._mode[:, np.newaxis])
 
     def _ahead(self, t_ns: int) -> tuple[FloatArray, FloatArray]:

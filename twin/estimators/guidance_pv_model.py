@@ -35,6 +35,7 @@ class _Steered:
     def __init__(self, *, process_variances: Sequence[float], step_s: float, wheelbase_m: float) -> None:
         self.states = len(process_variances)
         self._Q = np.diag(np.asarray(process_variances, dtype=np.float64))
+        self._eye = np.eye(self.states)
         self._step_s = step_s
         self._per_wheelbase = 1.0 / wheelbase_m if wheelbase_m > 0.0 else 0.0
 
@@ -47,7 +48,9 @@ class _Steered:
         return self._Q * (dt_s / self._step_s)
 
     def _identity(self, runs: int) -> FloatArray:
-        return np.repeat(np.eye(self.states)[np.newaxis], runs, axis=0)
+        identity = np.zeros((runs, self.states, self.states))
+        identity[:] = self._eye
+        return identity
 
 
 class PublishedMotion(_Steered):
@@ -61,11 +64,11 @@ class PublishedMotion(_Steered):
         """Phi X and Phi, for the steering angle ``u`` (R,) if it is no state."""
         delta = self.delta(x, u)
         direction = x[:, PSI] + self._c * delta
-        Phi = self._identity(len(x))
-        Phi[:, X, V] = dt_s * np.sin(direction)
-        Phi[:, Y, V] = dt_s * np.cos(direction)
-        Phi[:, PSI, V] = dt_s * np.tan(delta) * self._per_wheelbase
-        return np.einsum("rij,rj->ri", Phi, x), Phi
+        Phi, moved = self._identity(len(x)), x.copy()
+        for state, rate in ((X, np.sin(direction)), (Y, np.cos(direction)), (PSI, np.tan(delta) * self._per_wheelbase)):
+            Phi[:, state, V] = dt_s * rate
+            moved[:, state] += Phi[:, state, V] * x[:, V]
+        return moved, Phi
 
 
 class CorrectedMotion(_Steered):
@@ -126,18 +129,21 @@ class Antenna:
         self.R: FloatArray = np.asarray(variances, dtype=np.float64)
         self._forward_m, self._left_m = forward_m, left_m
 
-    def _arm(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def arm(self, x: FloatArray) -> FloatArray:
+        """From the state's point to the antenna, east and north (R, 2)."""
         sine, cosine = np.sin(x[:, PSI]), np.cos(x[:, PSI])
-        return self._forward_m * sine - self._left_m * cosine, self._forward_m * cosine + self._left_m * sine
+        return np.stack(
+            [self._forward_m * sine - self._left_m * cosine, self._forward_m * cosine + self._left_m * sine], axis=-1
+        )
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected east and north, shape (R, 2)."""
-        east, north = self._arm(x)
-        return np.stack([x[:, X] + east, x[:, Y] + north], axis=-1)
+        expected: FloatArray = x[:, [X, Y]] + self.arm(x)
+        return expected
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: N802
         """Jacobian, shape (R, 2, n)."""
-        east, north = self._arm(x)
+        east, north = self.arm(x).T
         jacobian = np.zeros((len(x), 2, x.shape[1]))
         jacobian[:, 0, X] = jacobian[:, 1, Y] = 1.0
         jacobian[:, 0, PSI], jacobian[:, 1, PSI] = north, -east

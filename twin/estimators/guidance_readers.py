@@ -11,10 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.errors import BadInputError
+from twin.estimators.guidance_fix_kernels import COURSE as COURSE_ROW
+from twin.estimators.guidance_fix_kernels import HDOP, QUALITY, SIGMA_E, SIGMA_N, read_fix
+from twin.estimators.guidance_fix_kernels import SPEED as SPEED_ROW
 from twin.estimators.heading_inputs import SLOT_COLUMNS, WHEEL_ENCODERS
 from twin.estimators.roles import (
     IMU,
     POSITION_COLUMNS,
+    RADAR,
     SPEED_COLUMN,
     column_places,
     lever_arm,
@@ -25,9 +29,15 @@ from twin.signals import NS_PER_S, YAW_RATE, BoolArray, EstimatorSetup, FloatArr
 
 ODOMETRY, YAW_GYRO, ANGLE_TRANSDUCER = "odometry", "yaw_gyro", "angle_transducer"
 COURSE, STEERING_ANGLE = "course_rad", "steering_angle_rad"
+RATE_KINDS = (YAW_GYRO, IMU, ODOMETRY)
+"""What tells a rate of turn, in the order in which they are preferred."""
+SPEED_KINDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
+"""What tells a speed, in the order in which they are preferred."""
 
 _SIGMAS = ("sigma_e_m", "sigma_n_m")
 _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
+_FIX_COLUMNS = (*POSITION_COLUMNS, SPEED_COLUMN, COURSE, *_SIGMAS, "quality", "hdop")
+"""In the order of the compiled functions."""
 _NEVER = np.iinfo(np.int64).min
 
 
@@ -68,34 +78,28 @@ class FixReader:
         self.name = info.name
         self.info = info
         self.forward_m, self.left_m = lever_arm(info, setup)
-        self._position = column_places(info, POSITION_COLUMNS, setup=setup)
-        self._sigmas = column_places(info, _SIGMAS, setup=setup) if set(_SIGMAS) <= set(info.columns) else None
-        self._places = {name: info.columns.index(name) for name in info.columns}
+        column_places(info, POSITION_COLUMNS, setup=setup)  # it has to have them
+        places = {name: info.columns.index(name) for name in info.columns}
+        if not set(_SIGMAS) <= set(places):
+            places = {name: place for name, place in places.items() if name not in _SIGMAS}
+        self._places: IntArray = np.array([places.get(name, -1) for name in _FIX_COLUMNS], dtype=np.int64)
 
     def read(self, measurement: Measurement) -> Fix:
         """Take a sample."""
-        position = measurement.values[:, self._position]
-        quality = self._column(measurement, "quality")
-        sigma = np.full(position.shape, np.nan)
-        if self._sigmas is not None:
-            reported = measurement.values[:, self._sigmas]
-            sigma = np.where(reported > 0.0, reported, np.nan)  # False for NaN, too
-        valid = measurement.valid
+        columns, position, there = read_fix(
+            np.ascontiguousarray(measurement.values), np.ascontiguousarray(measurement.valid), self._places
+        )
         return Fix(
             t_ns=min(measurement.t_ns, measurement.t_available_ns),
             t_available_ns=measurement.t_available_ns,
             position=position,
-            there=usable(measurement, position) & (quality != 0.0),
-            speed=np.where(valid, self._column(measurement, SPEED_COLUMN), np.nan),
-            course=np.where(valid, self._column(measurement, COURSE), np.nan),
-            sigma=sigma,
-            quality=quality,
-            hdop=self._column(measurement, "hdop"),
+            there=there,
+            speed=columns[SPEED_ROW],
+            course=columns[COURSE_ROW],
+            sigma=columns[SIGMA_E : SIGMA_N + 1].T,
+            quality=columns[QUALITY],
+            hdop=columns[HDOP],
         )
-
-    def _column(self, measurement: Measurement, name: str) -> FloatArray:
-        place = self._places.get(name)
-        return np.full(len(measurement.valid), np.nan) if place is None else measurement.values[:, place]
 
     def reference(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:
         """Where the reference frame is (R, 2) if the antenna is there and the machine, level, has that heading (R,)."""
@@ -185,7 +189,8 @@ class EncoderReader:
     """Reads the way that the middle of the axle made from the counts of its two wheels.
 
     Raises:
-        BadInputError: the encoders do not give both counts, or their data sheet no slots per turn.
+        BadInputError: the encoders do not give both counts, or their data sheet no slots per turn, or nobody told how
+            large the wheels are.
     """
 
     def __init__(self, info: SensorInfo, setup: EstimatorSetup, *, wheel_radius_m: float) -> None:
@@ -194,6 +199,11 @@ class EncoderReader:
         slots = info.datasheet.get("slots_per_turn")
         if slots is None:
             raise BadInputError(f"[estimators.{setup.name}] sensors: {info.name!r} does not say its slots_per_turn")
+        if wheel_radius_m <= 0.0:
+            raise BadInputError(
+                f"[estimators.{setup.name}] wheel_radius_m: {info.name!r} counts turns of wheels, and nothing here "
+                "tells how large they are; give their rolling radius, m"
+            )
         self.slot_m = 2.0 * np.pi * wheel_radius_m / slots
         """Way of a wheel per slot, m."""
         self._places = column_places(info, SLOT_COLUMNS, setup=setup)

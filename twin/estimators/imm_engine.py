@@ -25,10 +25,8 @@ from typing import Protocol
 import numpy as np
 
 from twin.estimators.engines import EngineName
+from twin.estimators.imm_kernels import correct_modes, mean_of, mix, move, weigh
 from twin.signals import BoolArray, FloatArray
-
-LEAST_PROBABILITY = 1e-12
-"""Of any mode, so that none is lost for good."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,12 +42,7 @@ class Modes:
 
     def mean(self) -> tuple[FloatArray, FloatArray]:
         """State (R, n) and covariance (R, n, n) of the mixture."""
-        x = np.einsum("rj,rjn->rn", self.mu, self.x)
-        apart = self.x - x[:, np.newaxis]
-        P: FloatArray = np.einsum(
-            "rj,rjnm->rnm", self.mu, self.P + apart[..., :, np.newaxis] * apart[..., np.newaxis, :]
-        )
-        return x, P
+        return mean_of(self.x, self.P, self.mu)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,30 +59,18 @@ class ModeMotion:
 
 def mixed(modes: Modes, M: FloatArray) -> Modes:
     """What each mode starts the next prediction from; ``mu`` is then c, the prediction of the probabilities."""
-    c = np.einsum("ri,rij->rj", modes.mu, M)
-    w = M * modes.mu[:, :, np.newaxis] / c[:, np.newaxis, :]
-    x = np.einsum("rij,rin->rjn", w, modes.x)
-    apart = modes.x[:, :, np.newaxis] - x[:, np.newaxis]  # (R, i, j, n)
-    P = np.einsum("rij,rinm->rjnm", w, modes.P)
-    P = P + np.einsum("rij,rijn,rijm->rjnm", w, apart, apart)
-    return Modes(x, P, c)
+    return Modes(*mix(modes.x, modes.P, modes.mu, M))
 
 
 def predicted(modes: Modes, motion: ModeMotion) -> Modes:
     """Mix and move on."""
-    start = mixed(modes, motion.M)
-    F = motion.F.swapaxes(0, 1)
-    x = np.matmul(F, start.x[..., np.newaxis])[..., 0]
-    P = np.matmul(np.matmul(F, start.P), F.swapaxes(-1, -2)) + motion.Q.swapaxes(0, 1)
-    return Modes(x, P, start.mu)
+    x, P, c = mix(modes.x, modes.P, modes.mu, motion.M)
+    return Modes(*move(x, P, motion.F, motion.Q), c)
 
 
 def weighed(c: FloatArray, log_likelihood: FloatArray) -> FloatArray:
     """Mode probabilities (R, N) after a fix; in logarithms, so that a fix far from all modes still compares them."""
-    score = np.log(c) + log_likelihood
-    mu = np.maximum(np.exp(score - score.max(axis=1, keepdims=True)), LEAST_PROBABILITY)
-    total: FloatArray = mu / mu.sum(axis=1, keepdims=True)
-    return total
+    return weigh(c, log_likelihood)
 
 
 class ImmEngine(Protocol):
@@ -123,10 +104,10 @@ def make_imm(name: EngineName, H: FloatArray, modes: Modes) -> ImmEngine:
 
 
 class EnsembleImm:
-    """The IMM for any number of runs; covariances in Joseph's form."""
+    """The IMM for any number of runs; compiled (:mod:`twin.estimators.imm_kernels`), covariances in Joseph's form."""
 
     def __init__(self, H: FloatArray, modes: Modes) -> None:
-        self._H = H
+        self._H = np.ascontiguousarray(H)
         self.modes = modes
 
     def restore(self, modes: Modes) -> None:
@@ -139,24 +120,8 @@ class EnsembleImm:
 
     def update(self, z: FloatArray, R: FloatArray, mask: BoolArray) -> None:
         """Update the members where ``mask`` is True."""
-        H, before = self._H, self.modes
-        told = np.where(mask[:, np.newaxis], z, 0.0)[:, np.newaxis]
-        y = told - np.einsum("jmn,rjn->rjm", H, before.x)
-        HT = H.swapaxes(-1, -2)
-        noise = (R[:, :, np.newaxis] * np.eye(R.shape[1]))[:, np.newaxis]
-        PHt = np.matmul(before.P, HT)
-        S = np.matmul(H, PHt) + noise
-        inverse = np.linalg.inv(S)
-        K = np.matmul(PHt, inverse)
-        rest = np.eye(H.shape[2]) - np.matmul(K, H)
-        P = np.matmul(np.matmul(rest, before.P), rest.swapaxes(-1, -2))
-        P = P + np.matmul(np.matmul(K, noise), K.swapaxes(-1, -2))
-        nis = np.einsum("rjm,rjmk,rjk->rj", y, inverse, y)
-        mu = weighed(before.mu, -0.5 * (nis + np.linalg.slogdet(S)[1]))
-        x = before.x + np.matmul(K, y[..., np.newaxis])[..., 0]
-        here = mask[:, np.newaxis]
-        self.modes = Modes(
-            np.where(here[..., np.newaxis], x, before.x),
-            np.where(here[..., np.newaxis, np.newaxis], P, before.P),
-            np.where(here, mu, before.mu),
-        )
+        before = self.modes
+        told, variances = np.ascontiguousarray(z), np.ascontiguousarray(R)
+        x, P, said = correct_modes(self._H, before.x, before.P, told, variances, mask)
+        mu = np.where(mask[:, np.newaxis], weigh(before.mu, said), before.mu)
+        self.modes = Modes(x, P, mu)

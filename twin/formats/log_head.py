@@ -83,13 +83,14 @@ _REPORTED_M = {4: (0.01, 0.02), 5: (0.2, 0.4), 2: (0.5, 0.95), 1: (1.5, 2.9)}
 measured error of its float solution (whose own word is a hundredth of it), a choice for differential, and a NEO-M8U's
 own word for single point."""
 _HORIZONTAL = {
-    4: ("", 0.0046, 245.0, 0.0008),
-    5: ("float_", 0.16, 100.0, 0.03),
-    2: ("differential_", 0.4, 100.0, 0.05),
-    1: ("single_", 0.8, 160.0, 0.02),
+    4: ("", 0.0046, 245.0),
+    5: ("float_", 0.16, 100.0),
+    2: ("differential_", 0.4, 100.0),
+    1: ("single_", 0.8, 160.0),
 }
-"""Name, what wanders (m), how long it lasts (s), what is always new (m): an F9P standing 2490 s, its float solution, a
-choice as in the receivers' presets, a NEO-M8U on a standing tractor."""
+"""Name, what wanders (m), how long it lasts (s): an F9P standing 2490 s, its float solution, a choice as in the
+receivers' presets, a NEO-M8U on a standing tractor. What is new in every fix nobody can tell of a receiver that nobody
+knows; it shows in the log, and is for estimators to find."""
 _VELOCITY = {"speed_noise_m_s": 0.05, "speed_noise_ratio": 0.03, "velocity_lag_s": 0.0, "latency_s": 0.0}
 """A choice: Doppler speed of any receiver, digits included, and direction within 1.6 degrees."""
 
@@ -98,12 +99,11 @@ def neutral_sheet(best: int) -> dict[str, float]:
     """Data sheet of a receiver nobody knows, by the best quality it has, with the names of simulated receivers'."""
     horizontal, vertical = _REPORTED_M[best]
     sheet = {"position_noise_m": horizontal, "height_noise_m": vertical, **_VELOCITY}
-    for quality, (name, correlated, correlation, white) in _HORIZONTAL.items():
+    for quality, (name, correlated, correlation) in _HORIZONTAL.items():
         for prefix in {name, ""} if quality == best else {name} - {""}:
             sheet |= {
                 f"{prefix}position_correlated_sigma_m": correlated,
                 f"{prefix}position_correlation_s": correlation,
-                f"{prefix}position_white_sigma_m": white,
             }
     return sheet
 

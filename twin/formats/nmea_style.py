@@ -80,7 +80,8 @@ def usual_style(*, resolution_m: float, qualities: Collection[int]) -> NmeaStyle
         qualities: those that it can have; one that knows neither RTK fixed nor float is a simple one, and tells
             heights and standard deviations to 0.1 m.
     """
-    decimals = 7 if resolution_m <= 0.0 else round(math.log10(_MINUTE_M / resolution_m))
+    # a hundredth less: the 1852 m of a minute are rounded, and so is a resolution that means five decimals
+    decimals = 7 if resolution_m <= 0.0 else math.ceil(math.log10(_MINUTE_M / resolution_m) - 0.01)
     digits = min(max(decimals, 2), 8)
     if {4, 5}.intersection(qualities):
         return NmeaStyle(minute_decimals=digits)

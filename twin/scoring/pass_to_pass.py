@@ -25,7 +25,7 @@ from twin.scenario import Scenario
 from twin.signals import NS_PER_S, FloatArray, IntArray
 
 _BETWEEN = ("pass_to_pass.median_m", "pass_to_pass.rms_m", "pass_to_pass.p95_m")
-_BESIDE = ("line.mean_error_m", "line.sd_error_m", "line.max_abs_deviation_m", "line.span_m")
+_BESIDE = ("line.mean_error_m", "line.abs_mean_error_m", "line.sd_error_m", "line.max_abs_deviation_m", "line.span_m")
 NAMES = (*_BETWEEN, *_BESIDE)
 LONGEST_NS = 900 * NS_PER_S
 _STEP_M = 1.0
@@ -130,7 +130,7 @@ class PassToPass:
         beside = (unknown,) * len(_BESIDE)
         if len(here):
             mean = here.mean(axis=0)
-            beside = mean, here.std(axis=0), np.abs(here - mean).max(axis=0), np.ptp(here, axis=0)
+            beside = mean, np.abs(mean), here.std(axis=0), np.abs(here - mean).max(axis=0), np.ptp(here, axis=0)
         return dict(zip(NAMES, (*between, *beside), strict=True))
 
     def _differences(self) -> FloatArray:

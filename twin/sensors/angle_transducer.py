@@ -9,7 +9,8 @@ point. A single wheel in the middle of the axle, whose axis goes through that po
 whatever wheelbase and track are. The steering of paper 003's rice transplanter turns by that angle, and so does the
 potentiometer under its axis. Errors are those of :mod:`twin.sensors.transducer`: deviation from a straight line, offset
 of the mounting, slope, noise; and a converter (:mod:`twin.sensors.converter`) over the whole range, in whose middle the
-wheels stand straight.
+wheels stand straight. There it was set to zero: what deviation from a straight line it has in the middle is taken off
+with everything else, and the offset is what the mounting left.
 """
 
 from __future__ import annotations
@@ -91,6 +92,7 @@ class AngleTransducer(Sensor):
             offset_sigma=config.offset_sigma_rad,
             scale_error_ratio=config.scale_error_ratio,
             noise=config.noise_rad,
+            zero=0.0,
             converter=(
                 converter(full_scale=[largest], bits=None)
                 if config.converter is None

@@ -193,6 +193,10 @@ class MachineBaseConfig(Config):
     """Whether it is a bench, whose root stands on the ground and does not move."""
     lift: ClassVar[str | None] = None
     """Slide that raises and lowers the reference frame, an implement whose height counts; None where there is none."""
+    wheel_radius_m: ClassVar[float] = 0.0
+    """Rolling radius of the wheels of the axle that follows the path, as its owner knows it; zero without wheels."""
+    track_m: ClassVar[float] = 0.0
+    """Between these wheels."""
 
     mounts: dict[str, MountConfig] = Field(default_factory=dict)
     """Mounts to add to the machine's own, or to put in their place."""

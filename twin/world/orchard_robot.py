@@ -254,6 +254,9 @@ class OrchardRobotConfig(_RobotConfig):
     default_bar: ClassVar = BarConfig(body="chassis", xyz_m=(0.0, 0.0, 0.0))
     default_mounts: ClassVar = SMALL.mounts
 
+    wheel_radius_m: ClassVar = SMALL.wheel_radius_m
+    track_m: ClassVar = SMALL.track_m
+
     kind: Literal["orchard_robot"]
 
 
@@ -264,5 +267,8 @@ class OrchardRobotLargeConfig(_RobotConfig):
     asset: ClassVar = paths.MACHINES / "orchard_robot_large.urdf"
     default_bar: ClassVar = BarConfig(body="chassis", xyz_m=(0.0, 0.0, 0.0))
     default_mounts: ClassVar = LARGE.mounts
+
+    wheel_radius_m: ClassVar = LARGE.wheel_radius_m
+    track_m: ClassVar = LARGE.track_m
 
     kind: Literal["orchard_robot_large"]

@@ -41,7 +41,9 @@ HITCH_BEHIND_AXLE_M = 1.05
 """The hitch, behind the tractor's rear axle."""
 
 WHEELBASE_M = 2.79
-FRONT_TRACK_M = 1.84
+FRONT_TRACK_M = REAR_TRACK_M = 1.84
+ROLLING_RADIUS_M = 0.78
+"""Of the rear wheels."""
 
 DRAUGHT_PER_ROW_N = 500.0
 """ASABE D497: row-crop planter, mounted, seeding only, 500 N per row (+-25 %). The standard's 900 N for a drawn one
@@ -69,7 +71,7 @@ _SPEC = TractorSpec(
     front_track_m=FRONT_TRACK_M,
     rear_wheels=(f"{_REAR}_left", f"{_REAR}_right"),
     knuckles=("steering_left", "steering_right"),
-    rolling_radius_m=0.78,
+    rolling_radius_m=ROLLING_RADIUS_M,
     total_mass_kg=10_200.0,
     largest_force_n=45_000.0,
 )
@@ -89,6 +91,9 @@ class PlanterF8Config(MachineBaseConfig):
         "antenna": MountConfig(body="planter", xyz_m=(-2.75, 0.0, 2.05)),
         "tractor_antenna": MountConfig(body="tractor", xyz_m=(0.35, 0.0, 2.10)),
     }
+
+    wheel_radius_m: ClassVar = ROLLING_RADIUS_M
+    track_m: ClassVar = REAR_TRACK_M
 
     kind: Literal["planter_f8"]
     draught_n: Annotated[float, Field(ge=0.0, le=200_000.0)] = ROWS * DRAUGHT_PER_ROW_N

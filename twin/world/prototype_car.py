@@ -99,6 +99,9 @@ class PrototypeCarConfig(MachineBaseConfig):
         "rtk_antenna": MountConfig(body="car", xyz_m=(0.0, ROWS_Y_M[-1], BAR_Z_M + 0.10)),
     }
 
+    wheel_radius_m: ClassVar = AXLE_HEIGHT_M
+    track_m: ClassVar = TRACK_M
+
     kind: Literal["prototype_car"]
 
     @property

@@ -37,7 +37,7 @@ from twin.world.clearance import Outline
 from twin.world.lift import LIFT_COLUMNS, Lift, LiftSpec
 from twin.world.machine import Actuation, BarConfig, MachineBaseConfig, MachineModel, MountConfig
 from twin.world.tractor import TractorDrive
-from twin.world.transplanter_carrier import DRIVE, NOSE_M, SUNK_M, WHEELBASE_M, wheels
+from twin.world.transplanter_carrier import DRIVE, NOSE_M, REAR_RADIUS_M, SUNK_M, TRACK_M, WHEELBASE_M, wheels
 from twin.world.urdf import Urdf
 
 BLADE_X_M = -0.80
@@ -114,6 +114,9 @@ class ScraperConfig(MachineBaseConfig):
         "lift": MountConfig(body="chassis", xyz_m=(-0.52, 0.0, 0.10)),
     }
     lift: ClassVar = "lift"
+
+    wheel_radius_m: ClassVar = REAR_RADIUS_M
+    track_m: ClassVar = TRACK_M
 
     kind: Literal["scraper"]
     cutting_resistance_kpa: Annotated[float, Field(ge=0.0, le=500.0)] = 10.0

@@ -26,7 +26,7 @@ from twin import paths
 from twin.world.clearance import Outline
 from twin.world.machine import BarConfig, MachineBaseConfig, MachineModel, MountConfig
 from twin.world.tractor import TractorDrive
-from twin.world.transplanter_carrier import DRIVE, NOSE_M, REAR_RADIUS_M, WHEELBASE_M, wheels
+from twin.world.transplanter_carrier import DRIVE, NOSE_M, REAR_RADIUS_M, TRACK_M, WHEELBASE_M, wheels
 
 ROW_M = 0.30
 ROWS = 6
@@ -59,6 +59,9 @@ class TransplanterConfig(MachineBaseConfig):
         "axle": MountConfig(body="chassis", xyz_m=(0.0, 0.0, 0.0)),
         "steering": MountConfig(body="front_axle", xyz_m=(0.0, 0.0, 0.05)),
     }
+
+    wheel_radius_m: ClassVar = REAR_RADIUS_M
+    track_m: ClassVar = TRACK_M
 
     kind: Literal["transplanter"]
     sunk_m: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
