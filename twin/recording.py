@@ -271,15 +271,15 @@ def save(recording: Recording, folder: Path) -> None:
     pq.write_table(pa.Table.from_pylist(rows, schema=_EVENT_SCHEMA), folder / "events.parquet")
 
 
-def load_streams(folder: Path) -> dict[str, Stream]:
-    """Read every stream of a run folder.
+def load_streams(folder: Path, *, with_truth: bool = True) -> dict[str, Stream]:
+    """Read every stream of a run folder, or of a replayed log's, which has no truth.
 
     Raises:
         BadInputError: a file is missing or not readable as Parquet.
     """
     streams: dict[str, Stream] = {}
     others = (path for path in sorted(folder.glob("*/*.parquet")) if path.parent.name != PICTURE_FOLDER)
-    for path in [folder / "truth.parquet", *others]:
+    for path in [*([folder / "truth.parquet"] if with_truth else []), *others]:
         name = path.relative_to(folder).with_suffix("").as_posix()
         try:
             streams[name] = Stream.from_arrow(read_table(path))

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from twin.errors import BadInputError
 from twin.estimation import EstimatorFactory, build_bank, in_order_sampled
 from twin.members import build_sensors
-from twin.recording import Recording, estimate_stream, measurement_stream
+from twin.recording import Recording, Stream, estimate_stream, measurement_stream
 from twin.scenario import loads
 from twin.scoring.comparison import compare_streams
 from twin.scoring.planting import seed_streams
@@ -73,6 +73,5 @@ def differing(first: Recording, second: Recording) -> dict[str, float]:
     return differences
 
 
-def _only_estimates(recording: Recording) -> Recording:
-    streams = {estimate_stream(name): recording.estimates(name) for name in recording.names("estimates")}
-    return dataclasses.replace(recording, streams=streams)
+def _only_estimates(recording: Recording) -> dict[str, Stream]:
+    return {estimate_stream(name): recording.estimates(name) for name in recording.names("estimates")}

@@ -17,6 +17,7 @@ from twin.paths import plain_name
 from twin.pictures import load_pictures
 from twin.recording import TRUTH, Recording, Stream, load_events, load_streams
 from twin.scoring import Verdict
+from twin.scoring.verdict import LOG
 
 RESULT = "result.json"
 _LARGEST_RESULT = 50_000_000
@@ -48,7 +49,8 @@ def replacing(target: Path) -> Iterator[Path]:
     """Yield a temporary folder that takes ``target``'s place if all goes well, and vanishes if not.
 
     Raises:
-        BadInputError: ``target`` holds something that is not a run of ours, or the disk refuses.
+        BadInputError: ``target`` holds something that is not a run of ours, or other runs below its own, or the disk
+            refuses.
     """
     _require_ours(target)
     partial = target.parent / f".{target.name}.partial-{os.getpid()}"
@@ -79,6 +81,9 @@ def _require_ours(target: Path) -> None:
         ours = False
     if not ours:
         raise BadInputError(f"{target}: holds something that is not a run; it is left alone (choose another --out)")
+    below = next((path.parent for path in target.glob(f"*/**/{RESULT}")), None)
+    if below is not None:
+        raise BadInputError(f"{target}: holds other results ({below}); it is left alone (choose another --out)")
 
 
 def write_result(folder: Path, result: dict[str, Any]) -> None:
@@ -101,18 +106,26 @@ def read_result(folder: Path) -> dict[str, Any]:
         raise BadInputError(f"{folder}: not a run folder ({RESULT}: {error.strerror})") from error
     except (ValueError, RecursionError) as error:
         raise BadInputError(f"{path}: not valid JSON ({error})") from error
-    if not isinstance(result, dict) or not {"schema", "scenario", "seed", "run", "ended", "timing"} <= set(result):
+    if not isinstance(result, dict) or not _needed(result) <= set(result):
         raise BadInputError(f"{path}: not a result of a run")
     return result
+
+
+def _needed(result: dict[str, Any]) -> set[str]:
+    """Keys that a result of its kind has."""
+    always = {"schema", "scenario", "ended", "timing"}
+    return always if result.get("kind") == LOG else always | {"seed", "run"}
 
 
 def read_recording(folder: Path) -> Recording:
     """Read a run folder back as a recording.
 
     Raises:
-        BadInputError: something is missing or cannot be read.
+        BadInputError: something is missing or cannot be read, or it is a replayed log, which has no scenario.
     """
     result = read_result(folder)
+    if result.get("kind") == LOG:
+        raise BadInputError(f"{folder}: a replayed log; look at it with twin view, or compare it with twin compare")
     try:
         path = folder / "scenario.toml"
         if path.stat().st_size > _LARGEST_RESULT:

@@ -5,12 +5,12 @@ A map's own coordinates are cells of the picture: the viewer scales pictures no 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import rerun as rr
 
+from viz.map_labels import draw_labels, metres, multiples, step_of
 from viz.sheet import Sheet
 
 LABEL, GAP = 0.07, 0.03
@@ -20,8 +20,6 @@ _DROP = 0.022
 _INK = (225, 225, 225)
 _TICKS = 6
 """At most about so many along the longer side."""
-_STEPS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
-_UNSEEN = rr.Radius.ui_points(0.0)
 
 Area = tuple[float, float, float, float]
 """West, south, east and north limit, m."""
@@ -61,19 +59,19 @@ class MapFrame:
         width, height = self.size
         west, south, east, north = self.area_m
         span_m = max(east - west, north - south)
-        step = next((step for step in _STEPS_M if span_m / step <= _TICKS), _STEPS_M[-1])
+        step = step_of(span_m, _TICKS)
         tick = 0.3 * GAP * self.unit
         lines, places, labels = [], [], []
-        for at_m in _multiples(step, west, east):
+        for at_m in multiples(step, west, east):
             x = self.right(at_m)
             lines.append([(x, height), (x, height + tick)])
             places.append((x, height + tick + _DROP * self.unit))
-            labels.append(f"{at_m:g}")
-        for at_m in _multiples(step, south, north):
+            labels.append(metres(at_m))
+        for at_m in multiples(step, south, north):
             y = self.down(at_m)
             lines.append([(0.0, y), (-tick, y)])
             places.append((-tick - 0.45 * LABEL * self.unit, y))
-            labels.append(f"{at_m:g}")
+            labels.append(metres(at_m))
         places += [(0.5 * width, height + (LABEL + 0.3 * GAP) * self.unit), (0.0, -1.2 * LABEL * self.unit)]
         labels += ["east [m]", "north [m]"]
         style = rr.Radius.ui_points(0.7)
@@ -89,9 +87,7 @@ class MapFrame:
         self, sheet: Sheet, entity: str, places: Sequence[tuple[float, float]], labels: Sequence[str]
     ) -> None:
         """Write labels at places, in cells to the right and downwards."""
-        # The viewer writes a label a little below its point.
-        raised = [(x, y - _DROP * self.unit) for x, y in places]
-        sheet.static(entity, rr.Points2D(raised, labels=labels, colors=[_INK], radii=_UNSEEN, show_labels=True))
+        draw_labels(sheet, entity, places, labels, colour=_INK, drop=_DROP * self.unit)
 
     def bound(self, sheet: Sheet, root: str, *, beside: float, least: float = 0.0) -> None:
         """Let the map be seen with its labels at first, with some room to its right, in longer sides.
@@ -104,7 +100,3 @@ class MapFrame:
             (-margin, width + beside * self.unit),
             (-margin, max(height + margin, (least + GAP) * self.unit)),
         )
-
-
-def _multiples(step: float, low: float, high: float) -> list[float]:
-    return [step * k for k in range(math.ceil(low / step), math.floor(high / step) + 1)]

@@ -70,11 +70,11 @@ def test_a_log_becomes_a_folder_and_a_table(tmp_path: Path) -> None:
     assert done.stderr == ""
     assert re.search(r"float to fixed\W+1\b", done.stdout)
     assert "passed over: 1 x checksum" in done.stdout
-    folder = tmp_path / "found" / "my_drive"
+    folder = tmp_path / "found" / "logs" / "my_drive_nmea"
     written = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert written == {"result.json", "run.rrd", "measurements/gnss.parquet", "estimates/guidance_gps.parquet"}
     result = read_result(folder)
-    assert result["scenario"] == "my_drive"
+    assert (result["kind"], result["scenario"], result["verdict"]) == ("log", "my_drive_nmea", None)
     assert result["log"]["start_utc"] == "2025-05-01T00:00:00.000Z"
     assert result["problems"]["checksum"] == 1
     assert result["metrics"]["gnss.quality.fixed_to_float_count"] == 1.0
@@ -82,11 +82,13 @@ def test_a_log_becomes_a_folder_and_a_table(tmp_path: Path) -> None:
     # Ours: so another replay takes its place, but nothing else's.
     assert twin("replay", "my drive.nmea", "--no-rrd", "--out", "found", cwd=tmp_path).returncode == 0
     assert not (folder / "run.rrd").exists()
-    (tmp_path / "mine" / "my_drive").mkdir(parents=True)
-    (tmp_path / "mine" / "my_drive" / "thesis.txt").write_text("do not delete")
+    assert [path.name for path in folder.parent.iterdir()] == ["my_drive_nmea"]
+    thesis = tmp_path / "mine" / "logs" / "my_drive_nmea" / "thesis.txt"
+    thesis.parent.mkdir(parents=True)
+    thesis.write_text("do not delete")
     refused = twin("replay", "my drive.nmea", "--no-rrd", "--out", "mine", cwd=tmp_path)
     assert refused.returncode == 2
-    assert (tmp_path / "mine" / "my_drive" / "thesis.txt").exists()
+    assert thesis.exists()
 
 
 def test_json_prints_json_and_nothing_else(tmp_path: Path) -> None:
@@ -94,8 +96,8 @@ def test_json_prints_json_and_nothing_else(tmp_path: Path) -> None:
     done = twin("replay", "log.nmea", "--estimator", "guidance_pv", "--json", "--no-rrd", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     (result,) = json.loads(done.stdout)
-    assert result == read_result(tmp_path / "runs" / "log")
-    assert {"schema", "metrics", "checks", "timing", "versions", "verdict", "problems"} <= set(result)
+    assert result == read_result(tmp_path / "runs" / "logs" / "log_nmea")
+    assert {"schema", "kind", "metrics", "timing", "versions", "verdict", "problems"} <= set(result)
 
 
 @pytest.mark.parametrize(
@@ -113,6 +115,11 @@ def test_json_prints_json_and_nothing_else(tmp_path: Path) -> None:
         ("log.nmea", {"settings": ("driver.speed_m_s=3.0",)}, "driver: unknown key"),
         ("trial.mat", {"reference": Path("log.nmea")}, "--reference: is for logs"),
         (".", {"origin": "1,2"}, "--origin: is for logs"),
+        (".", {"reference_mapping": Path("husky")}, "--reference-mapping: is for logs"),
+        (".", {"rrd": False}, "--no-rrd: is for logs"),
+        ("trial.mat", {"rrd": False}, "--no-rrd: is for logs"),
+        ("log.nmea", {"reference_mapping": Path("husky")}, "there is no --reference"),
+        ("log.nmea", {"reference": Path("far.nmea")}, "begins 53.6 years away"),
         (".", {}, "not a run folder"),
     ],
 )
@@ -126,10 +133,13 @@ def test_wrong_input_is_told(
     place = "5200.0,N,01300.0,E"
     undated = "".join(framed(f"GPGGA,00000{s},{place},1,8,1.0,40.0,M,45.0,M,,") for s in range(9))
     (tmp_path / "undated.nmea").write_text(undated)
+    dated = framed("GPZDA,000008,01,12,2078,00,00") + framed("GPZDA,000008,01,12,9999,00,00")
+    (tmp_path / "far.nmea").write_text(undated + dated)
+    (tmp_path / "trial.mat").touch()
     with pytest.raises(BadInputError, match=re.escape(message)):
         replay_any(Path(log), LogOptions(**options))
     runs = tmp_path / "runs"
-    assert not runs.exists() or list(runs.iterdir()) == []
+    assert not runs.exists() or [path for path in runs.rglob("*") if path.name != "logs"] == []
 
 
 def test_wrong_input_is_one_clear_line_and_exit_code_2(tmp_path: Path) -> None:
@@ -166,7 +176,7 @@ def test_an_interrupted_replay_leaves_no_half_folder(number: signal.Signals, tmp
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in errors
-    assert list((tmp_path / "runs").iterdir()) == []
+    assert [path for path in (tmp_path / "runs").rglob("*") if path.name != "logs"] == []
 
 
 # --- real logs -------------------------------------------------------------------------------------------------------
@@ -244,7 +254,7 @@ def test_a_field_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert result["log"]["measurements"] == {"gnss": 989, "odometry": 3952, "imu": 11865}
     assert set(result["log"]["estimators"]["guidance_pv"]) >= {"gnss", "odometry"}
     # 359 m in 395 s, as its README says.
-    estimates = _estimates(tmp_path / "husky_jackal_bags", "guidance_imm")
+    estimates = _estimates(tmp_path / "logs" / "husky_jackal_bags", "guidance_imm")
     speed = estimates.column("speed_m_s")[:, 0]
     assert float(speed.mean()) == pytest.approx(359.0 / 395.0, rel=0.15)
 

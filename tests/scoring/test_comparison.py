@@ -36,7 +36,10 @@ def _changed(row: int, column: int, value: float) -> Recording:
 
 
 def _found(first: Recording, second: Recording, tolerance: float | None = 1e-3) -> list[tuple[str, str, float]]:
-    return [(each.name, each.where, each.largest) for each in compare_streams(first, second, tolerance=tolerance)]
+    return [
+        (each.name, each.where, each.largest)
+        for each in compare_streams(first.streams, second.streams, tolerance=tolerance)
+    ]
 
 
 def test_a_column_differs_beyond_its_relative_tolerance_and_says_when() -> None:
@@ -84,17 +87,19 @@ def test_every_column_of_an_estimator_and_the_worst_of_other_streams() -> None:
 
 def test_missing_streams_columns_and_rows_are_differences() -> None:
     nothing = _recording()
-    (missing,) = compare_streams(_estimate(VALUES), nothing, tolerance=1.0)
+    (missing,) = compare_streams(_estimate(VALUES).streams, nothing.streams, tolerance=1.0)
     assert (missing.first, missing.second) == ("there", "missing")
-    (column,) = compare_streams(_estimate(VALUES), _estimate(VALUES[:, :1], ("speed_m_s",)), tolerance=1.0)
+    (column,) = compare_streams(
+        _estimate(VALUES).streams, _estimate(VALUES[:, :1], ("speed_m_s",)).streams, tolerance=1.0
+    )
     assert (column.where, column.first, column.second) == ("heading_rad", "there", "missing")
     shorter = _recording(estimates__central=_stream(("speed_m_s", "heading_rad"), VALUES[:3], T_NS[:3]))
-    (rows,) = compare_streams(_estimate(VALUES), shorter, tolerance=1.0)
+    (rows,) = compare_streams(_estimate(VALUES).streams, shorter.streams, tolerance=1.0)
     assert (rows.first, rows.second) == ("4 x 1", "3 x 1")
     later = _recording(
         estimates__central=_stream(("speed_m_s", "heading_rad"), VALUES, T_NS + np.array([0, 0, 7, 7], dtype=np.int64))
     )
-    (times,) = compare_streams(_estimate(VALUES), later, tolerance=1.0)
+    (times,) = compare_streams(_estimate(VALUES).streams, later.streams, tolerance=1.0)
     assert (times.where, times.first, times.second) == ("times, row 2", "2000000000", "2000000007")
 
 

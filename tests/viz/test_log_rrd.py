@@ -15,8 +15,8 @@ from twin.logreplay.result import result_of
 from twin.recording import Recording, Stream
 from viz import entities
 from viz.check import empty_views, stored_views
-from viz.layers.track_map import step_of
 from viz.log_rrd import write_log_rrd
+from viz.map_labels import multiples, step_of
 from viz.scene import Scene
 from viz.sheet import Run
 from viz.track_window import Window, windows
@@ -113,7 +113,13 @@ def test_a_line_is_cut_at_the_edges_of_its_window() -> None:
 
 @pytest.mark.parametrize(("span", "step"), [(6.9, 1.0), (7.1, 2.0), (30.0, 5.0), (70.0, 10.0), (4200.0, 1000.0)])
 def test_grid_lines_are_round_and_few(span: float, step: float) -> None:
-    assert step_of(span) == pytest.approx(step)
+    assert step_of(span, 7) == pytest.approx(step)
+
+
+@pytest.mark.parametrize("span", [0.8, 3.0, 12.0, 1300.0, 5000.0])
+def test_ticks_of_any_map_are_few(span: float) -> None:
+    ticks = multiples(step_of(span, 6), 0.0, span)
+    assert 3 <= len(ticks) <= 7
 
 
 def test_a_log_that_says_little_is_drawn_too(tmp_path: Path) -> None:

@@ -106,7 +106,15 @@ def replay(  # noqa: PLR0917  (typer makes options of them)
     log: Annotated[
         Path, typer.Argument(help="A run folder, a log (NMEA, .pos, CSV, ...), or a trial of BROAD (.mat).")
     ],
-    settings: Settings = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Of a run: estimators.*, seeding.*, scoring.* or checks. Of a log: vehicle.antenna_xyz_m, "
+            "vehicle.wheelbase_m, vehicle.reference_x_m, reference.longest_gap_s or estimators.NAME.KEY.",
+        ),
+    ] = None,
     estimator: Annotated[
         list[str] | None,
         typer.Option(
@@ -116,12 +124,16 @@ def replay(  # noqa: PLR0917  (typer makes options of them)
         ),
     ] = None,
     reference: Annotated[Path | None, typer.Option(help="Another log of the same drive, to compare with.")] = None,
-    mapping: Annotated[Path | None, typer.Option(help="What the columns of a table of numbers mean (TOML).")] = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(help="What the columns of a log of CSV files mean: a TOML file, or a name from `twin list`."),
+    ] = None,
+    reference_mapping: Annotated[Path | None, typer.Option(help="The same of the log to compare with.")] = None,
     origin: Annotated[
         str | None, typer.Option(metavar="LAT,LON", help="Of the local frame, deg; default: the first position.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the results of a log; default: runs.")] = None,
-    rrd: Annotated[bool, typer.Option(help="Write run.rrd of a log for the Rerun viewer.")] = True,
+    out: Annotated[Path | None, typer.Option(help="The results of a log go to logs/ in it; default: runs.")] = None,
+    rrd: Annotated[bool, typer.Option(help="Write run.rrd for the Rerun viewer; for logs alone.")] = True,
     as_json: Json = False,
 ) -> int:
     """Run estimators over recorded measurements, without the world: those of a run, or a log of real receivers."""
@@ -132,6 +144,7 @@ def replay(  # noqa: PLR0917  (typer makes options of them)
         estimators=tuple(estimator or ()),
         reference=reference,
         mapping=mapping,
+        reference_mapping=reference_mapping,
         origin=origin,
         out=out,
         rrd=rrd,

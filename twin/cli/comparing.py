@@ -1,4 +1,4 @@
-"""What ``twin compare`` does: two run folders, or two stress tests, side by side."""
+"""What ``twin compare`` does: two run folders, two stress tests or two replays of logs, side by side."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from twin.cli import EXIT_FAILED, EXIT_OK
 from twin.cli.report import Reporter
 from twin.cli.tables import figure
 from twin.errors import BadInputError
+from twin.logreplay.identity import IDENTITY
+from twin.recording import load_streams
 from twin.runfolder import read_recording, read_result
 from twin.scoring.baselines import DEFAULT_TOLERANCE
 from twin.scoring.comparison import Difference, compare_events, compare_metrics, compare_streams, compare_words
+from twin.scoring.verdict import LOG
 
 _ABOUT = ("scenario", "seed", "run", "worlds", "runs", "scenario_sha256")
 """Keys of result.json that say what was run: another value is worth a note, but is no difference of its own."""
@@ -34,7 +37,7 @@ class _Folder:
 
     @property
     def kind(self) -> str:
-        """``run`` or ``stress``."""
+        """``run``, ``stress`` or ``log``."""
         return str(self.result.get("kind", "run"))
 
 
@@ -51,7 +54,7 @@ def compare_folders(first: Path, second: Path, *, tolerance: float | None, as_js
     if one.kind != other.kind:
         raise BadInputError(f"{first} is a {one.kind}, {second} a {other.kind}: only two of one kind can be compared")
     notes = _notes(one.result, other.result)
-    compare = _compare_stress if one.kind == "stress" else _compare_runs
+    compare = {"stress": _compare_stress, LOG: _compare_logs}.get(one.kind, _compare_runs)
     found = [*_compare_ends(one.result, other.result), *compare(one, other, tolerance)]
     if as_json:
         print(json.dumps(_as_json(found, notes, tolerance), indent=1, allow_nan=False))
@@ -71,17 +74,35 @@ def _notes(first: dict[str, Any], second: dict[str, Any]) -> list[str]:
                 notes.append("the scenario of that name is another one (scenario.toml differs)")
         else:
             notes.append(f"another {key}: {one} and {other}")
+    one, other = (
+        {key: result["log"].get(key) for key in IDENTITY} if isinstance(result.get("log"), dict) else None
+        for result in (first, second)
+    )
+    if one is not None and other is not None and one != other:
+        notes.append(f"another log: {one['file']} and {other['file']}")
     return notes
 
 
 def _compare_runs(first: _Folder, second: _Folder, tolerance: float) -> list[Difference]:
     one, other = read_recording(first.path), read_recording(second.path)
-    before, after = (_numbers(each.result.get("metrics"), each.path) for each in (first, second))
     return [
-        *compare_metrics(before, after, tolerance=tolerance),
+        *_compare_metrics(first, second, tolerance),
         *compare_events(one.events, other.events),
+        *compare_streams(one.streams, other.streams, tolerance=tolerance),
+    ]
+
+
+def _compare_logs(first: _Folder, second: _Folder, tolerance: float) -> list[Difference]:
+    one, other = (load_streams(each.path, with_truth=False) for each in (first, second))
+    return [
+        *_compare_metrics(first, second, tolerance),
         *compare_streams(one, other, tolerance=tolerance),
     ]
+
+
+def _compare_metrics(first: _Folder, second: _Folder, tolerance: float) -> list[Difference]:
+    before, after = (_numbers(each.result.get("metrics"), each.path) for each in (first, second))
+    return compare_metrics(before, after, tolerance=tolerance)
 
 
 def _compare_stress(first: _Folder, second: _Folder, tolerance: float) -> list[Difference]:

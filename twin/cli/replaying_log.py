@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.cli import EXIT_OK
+from twin.cli.log_folder import folder_of_log
 from twin.cli.log_tables import innovation_table, quality_table, reference_table, track_table
 from twin.cli.report import Reporter
 from twin.cli.running import load_plugins
@@ -18,7 +19,7 @@ from twin.formats.geodetic import Origin
 from twin.formats.log import Log
 from twin.formats.logs import open_log
 from twin.logreplay import LogReplay, ReplaySettings, choose, is_built_in, read_settings, replay_log
-from twin.logreplay.result import name_of, result_of, utc_text
+from twin.logreplay.result import result_of, utc_text
 from twin.runfolder import RESULT, replacing, require_writable, write_result
 
 _OUT = Path("runs")
@@ -26,12 +27,13 @@ _OUT = Path("runs")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogOptions:
-    """Options of ``twin replay``."""
+    """Options of ``twin replay``; all but ``settings``, ``estimators`` and ``as_json`` are for logs."""
 
     settings: tuple[str, ...] = ()
     estimators: tuple[str, ...] = ()
     reference: Path | None = None
     mapping: Path | None = None
+    reference_mapping: Path | None = None
     origin: str | None = None
     out: Path | None = None
     rrd: bool = True
@@ -49,9 +51,11 @@ def replay_any(what: Path, options: LogOptions) -> int:
         raise BadInputError(f"{what}: no such file or folder")
     if not trial and (options.mapping is not None or not what.is_dir()):
         return _replay_file(what, options)
-    for name in ("reference", "mapping", "origin", "out"):
+    for name in ("reference", "mapping", "reference_mapping", "origin", "out"):
         if getattr(options, name) is not None:
-            raise BadInputError(f"--{name}: is for logs, and {what} is none")
+            raise BadInputError(f"--{name.replace('_', '-')}: is for logs, and {what} is none")
+    if not options.rrd:
+        raise BadInputError(f"--no-rrd: is for logs, and {what} is none: no run.rrd is written of it")
     if trial:
         from twin.cli.replaying_trial import replay_file  # noqa: PLC0415
 
@@ -68,11 +72,12 @@ def _replay_file(path: Path, options: LogOptions) -> int:
     own = [text for text in options.estimators if text not in built_in]
     choices = choose(built_in, plugins=load_plugins(own), options=settings.estimators)
     log = open_log(path, mapping=options.mapping, origin=_origin(options.origin))
-    reference = None if options.reference is None else _open_reference(options.reference, settings)
+    reference = _open_reference(options, settings)
     out = options.out or _OUT
     require_writable(out)
+    folder = folder_of_log(out, path)
     _introduce(log, reporter)
-    with replacing(out / name_of(log)) as building:
+    with replacing(folder) as building:
         found = replay_log(
             log,
             choices,
@@ -88,13 +93,23 @@ def _replay_file(path: Path, options: LogOptions) -> int:
     if options.as_json:
         print(json.dumps([result], indent=1, allow_nan=False))
     else:
-        _report(found, out / name_of(log), reporter, rrd=options.rrd)
+        _report(found, folder, reporter, rrd=options.rrd)
     return EXIT_OK
 
 
-def _open_reference(path: Path, settings: ReplaySettings) -> Log:
-    mapping = settings.reference.mapping
-    return open_log(path, mapping=None if mapping is None else Path(mapping))
+def _open_reference(options: LogOptions, settings: ReplaySettings) -> Log | None:
+    """The other log, if there is one, read by the mapping of an option or else of a setting.
+
+    Raises:
+        BadInputError: it cannot be read, or there is a mapping and no other log.
+    """
+    told, path = settings.reference.mapping, options.reference
+    mapping = options.reference_mapping or (None if told is None else Path(told))
+    if path is not None:
+        return open_log(path, mapping=mapping)
+    if mapping is not None:
+        raise BadInputError(f"--reference-mapping {mapping}: there is no --reference that it could be for")
+    return None
 
 
 def _origin(text: str | None) -> Origin | None:

@@ -1,34 +1,29 @@
-"""``result.json`` of a replayed log, in the shape of a run's as far as it applies."""
+"""``result.json`` of a replayed log, in the shape of a run's as far as that applies."""
 
 from __future__ import annotations
 
 import datetime as dt
 import math
-import re
 from typing import Any
 
 from twin.formats.log import Log
+from twin.logreplay.identity import identity_of, name_of
 from twin.logreplay.replaying import LogReplay
-from twin.scoring.verdict import SCHEMA, versions
+from twin.scoring.verdict import LOG, SCHEMA, versions
 from twin.signals import NS_PER_S
-
-
-def name_of(log: Log) -> str:
-    """Name of a log's folder and in its result: that of its file, without what a folder cannot be called."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", log.path.stem).strip("_-") or "log"
 
 
 def result_of(found: LogReplay) -> dict[str, Any]:
     """Content of result.json; what is not a number is null.
 
-    A log has no seed, no run and no checks: ``log`` says what it is, and ``problems`` what was passed over.
+    A log has no seed, no run and no checks, and nothing is judged (``verdict`` is null): ``log`` says what it is, and
+    ``problems`` what was passed over.
     """
     return {
         "schema": SCHEMA,
-        "scenario": name_of(found.log),
-        "seed": 0,
-        "run": 0,
-        "verdict": "pass",
+        "kind": LOG,
+        "scenario": name_of(found.log.path),
+        "verdict": None,
         "ended": {"reason": "end of log", "t_s": found.ended_t_s},
         "log": {
             **_described(found.log),
@@ -39,8 +34,6 @@ def result_of(found: LogReplay) -> dict[str, Any]:
         "reference": None if found.reference is None else _described(found.reference),
         "problems": dict(found.problems.most_common()),
         "metrics": {name: _number(value) for name, value in found.metrics.items()},
-        "published": {},
-        "checks": [],
         "timing": {name: _number(value) for name, value in found.timing.items()},
         "versions": versions(),
     }
@@ -49,7 +42,7 @@ def result_of(found: LogReplay) -> dict[str, Any]:
 def _described(log: Log) -> dict[str, Any]:
     origin = log.origin
     return {
-        "file": log.path.name,
+        **identity_of(log.path),
         "start_utc": None if log.start_utc_ns is None else utc_text(log.start_utc_ns),
         "origin": {
             "latitude_deg": origin.latitude_deg,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.geometry import wrap_angle
-from twin.recording import Recording, Stream
+from twin.recording import Stream
 from twin.scoring.baselines import Baseline, allowed
 from twin.signals import Event, FloatArray, wraps
 
@@ -85,18 +85,20 @@ def _events(events: Counter[Event], source: str) -> str:
     return f"{own[0].t_ns / 1e9:g} s {own[0].text}{more}"
 
 
-def compare_streams(first: Recording, second: Recording, *, tolerance: float | None) -> list[Difference]:
-    """Streams of two recordings: those that only one has, of other times or members, or of other values.
+def compare_streams(
+    first: Mapping[str, Stream], second: Mapping[str, Stream], *, tolerance: float | None
+) -> list[Difference]:
+    """Streams of two recordings, by name: those that only one has, of other times or members, or of other values.
 
     Of an estimator every column that differs is listed, of other streams the one that differs most. Without a
     tolerance (None) they have to be the same bit for bit.
     """
     found: list[Difference] = []
-    for name in dict.fromkeys([*first.streams, *second.streams]):
-        if name not in first.streams or name not in second.streams:
-            found.append(_presence("stream", name, "", name in first.streams, name in second.streams))
+    for name in dict.fromkeys([*first, *second]):
+        if name not in first or name not in second:
+            found.append(_presence("stream", name, "", name in first, name in second))
             continue
-        one, other = first.streams[name], second.streams[name]
+        one, other = first[name], second[name]
         rows = _other_rows(name, one, other)
         columns = [] if rows is not None else _other_columns(name, one, other, tolerance)
         if columns and not name.startswith("estimates/"):

@@ -15,6 +15,8 @@ from twin.scoring.lane import ON_COLLISION
 from twin.signals import COLLISION
 
 SCHEMA = 1
+LOG = "log"
+"""``kind`` in the result of a replayed log; those of runs have none."""
 _PACKAGES = ("agtwin", "numpy", "pybullet", "filterpy", "rerun-sdk")
 
 

@@ -19,6 +19,7 @@ from twin.recording import Stream
 from twin.signals import BoolArray, FloatArray, IntArray
 from viz import entities
 from viz.layers.measurements import packed
+from viz.map_labels import draw_labels, metres, multiples, step_of
 from viz.sheet import PanelKind, Run, Sheet
 from viz.thinning import thin
 from viz.track_window import Window, known_rows, points_of, windows
@@ -35,7 +36,6 @@ _GAP_STEPS = 6.0
 """A line is broken where the time between rows is so many times the usual."""
 _MARKER_HZ = 1.0
 _MOST_MARKS = 2000
-_UNSEEN = rr.Radius.ui_points(0.0)
 
 _Legend = list[tuple[str, entities.Colour]]
 
@@ -144,16 +144,16 @@ class _Map:
         """Lines every so many metres with their east and north, and the frame."""
         wide = self._window.width
         west, south, east, north = self._window.edges
-        step = step_of(max(east - west, north - south))
+        step = step_of(max(east - west, north - south), _LINES)
         lines, places, labels = [], [], []
-        for value in _multiples(step, west, east):
+        for value in multiples(step, west, east):
             lines.append([(value, -south), (value, -north)])
             places.append((value, -south + 0.045 * wide))
-            labels.append(f"{value:.10g}")
-        for value in _multiples(step, south, north):
+            labels.append(metres(value))
+        for value in multiples(step, south, north):
             lines.append([(west, -value), (east, -value)])
             places.append((west - 0.5 * _LEFT * wide, -value))
-            labels.append(f"{value:.10g}")
+            labels.append(metres(value))
         frame = [(west, -south), (east, -south), (east, -north), (west, -north), (west, -south)]
         style = rr.Radius.ui_points(0.5)
         self._sheet.static(f"{self._root}/grid", rr.LineStrips2D(lines, colors=[_GRID], radii=style, draw_order=0.0))
@@ -174,10 +174,8 @@ class _Map:
     def _draw_labels(
         self, what: str, places: Sequence[tuple[float, float]], labels: Sequence[str], colour: entities.Colour
     ) -> None:
-        # The viewer writes a label a little below its point.
-        lifted = [(x, y - _DROP * self._window.width) for x, y in places]
-        texts = rr.Points2D(lifted, labels=labels, colors=[colour], radii=_UNSEEN, show_labels=True, draw_order=5.0)
-        self._sheet.static(f"{self._root}/{what}", texts)
+        drop, entity = _DROP * self._window.width, f"{self._root}/{what}"
+        draw_labels(self._sheet, entity, places, labels, colour=colour, drop=drop, order=5.0)
 
 
 def _strips(t_ns: IntArray, points: FloatArray) -> Iterator[FloatArray]:
@@ -196,17 +194,6 @@ def _strips(t_ns: IntArray, points: FloatArray) -> Iterator[FloatArray]:
 def _drawn(points: FloatArray) -> FloatArray:
     """East and north (T, 2) to the right and downwards."""
     return points * (1.0, -1.0)
-
-
-def step_of(span_m: float) -> float:
-    """Distance of grid lines: 1, 2 or 5 times a power of ten, so that a span has at most seven."""
-    least = span_m / _LINES
-    decade = 10.0 ** math.floor(math.log10(least))
-    return next(decade * factor for factor in (1.0, 2.0, 5.0, 10.0) if decade * factor >= least * (1.0 - 1e-9))
-
-
-def _multiples(step: float, low: float, high: float) -> list[float]:
-    return [step * k for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def _draw_globe(run: Run, sheet: Sheet) -> None:
