@@ -119,3 +119,29 @@ def test_whom_it_follows_has_to_be_there_and_to_give_a_pose(scenario_file: Path)
 def test_wrong_settings_are_refused(scenario_file: Path, key: str, value: Any) -> None:
     with pytest.raises(BadInputError, match=key):
         load(scenario_file, settings=[(key, value)])
+
+
+def test_a_silent_receiver_stops_the_machine_and_it_says_so(tmp_path: Path) -> None:
+    """The position that is held through 14 s of silence is no position; the events tell from when until when."""
+    table = small_scenario(
+        duration_s=28.0,
+        soil={"preset": "asphalt"},
+        machine={"kind": "prototype_car"},
+        driver={"follows": "plain", "speed_m_s": 1.5, "path": [{"stop_s": 2.0}, {"straight_m": 60.0}]},
+    )
+    table["sensors"] = {
+        "gnss": {"preset": "rtk_f9p", "mount": "antenna", "faults": [{"kind": "outage", "from_s": 8.0, "to_s": 22.0}]}
+    }
+    table["estimators"] = {"plain": {"kind": "guidance_gps", "sensors": ["gnss"]}}
+    path = tmp_path / "silent.toml"
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    recording = execute(load(path))
+    sight = [event for event in recording.events if event.source == "driver.sight"]
+    assert [(event.level, event.text) for event in sight] == [("warning", "nothing to go by"), ("info", "sees again")]
+    # 2 s after the last fix that came, which is 0.1 s late; and with the first after the silence.
+    assert sight[0].t_ns * 1e-9 == pytest.approx(10.1, abs=0.25)
+    assert sight[1].t_ns * 1e-9 == pytest.approx(22.2, abs=0.3)
+    truth = recording.truth
+    speed = truth.column("speed_m_s")[:, 0]
+    assert np.abs(speed[(truth.t_s > 18.0) & (truth.t_s < 22.0)]).max() < 0.05
+    assert speed[truth.t_s > 27.0].min() > 1.0

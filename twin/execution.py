@@ -11,7 +11,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver, build_implement
+from twin.control import CONTROL_HZ, Driver, LaneDriverConfig, build_driver, build_implement, is_blind
 from twin.control.blade_sight import BladeSight
 from twin.errors import BadInputError, WorldEndedError
 from twin.estimation import EstimatorFactory
@@ -45,6 +45,8 @@ Progress = Callable[[float], None]
 """Called with the simulated time now and then."""
 
 _PROGRESS_PERIOD_NS = NS_PER_S // 2
+_SIGHT = "driver.sight"
+"""Who says that the driver is blind: events of ``driver`` itself name segments."""
 _GROUND_HZ = 5.0
 """How often changed ground is written down."""
 
@@ -266,6 +268,7 @@ class Journey:
         self._ground = GroundLogWriter() if world.moves_soil else None
         self._ground_every = _period_ticks(_GROUND_HZ, world.dt_ns)
         self._last_segment = -1
+        self._blind = False
         for name, need in observer.needs.items():
             world.watch(name, need)
 
@@ -290,7 +293,7 @@ class Journey:
                 return COLLISION
             if tick == next_control:
                 world.command(self._decide(t_ns))
-                self._note_segment(t_ns)
+                self._note_driver(t_ns)
                 next_control += self._control_every
             if progress is not None and t_ns >= next_progress_ns:
                 progress(t_ns / NS_PER_S)
@@ -349,7 +352,12 @@ class Journey:
             self.world_s += time.perf_counter() - entered
         return None
 
-    def _note_segment(self, t_ns: int) -> None:
+    def _note_driver(self, t_ns: int) -> None:
+        """Write down what the driver is at now, and since when it has nothing to go by, where that is new."""
+        if is_blind(self._driver) != self._blind:
+            self._blind = not self._blind
+            level, text = ("warning", "nothing to go by") if self._blind else ("info", "sees again")
+            self.events.append(Event(t_ns=t_ns, source=_SIGHT, level=level, text=text))
         if self._driver.segment != self._last_segment:
             self._last_segment = self._driver.segment
             name = self._driver.segment_names[self._driver.segment]

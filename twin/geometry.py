@@ -198,7 +198,8 @@ class Path:
 
         With ``near_m`` only stations within ``window_m`` of it are looked at, so that a path may cross itself; stations
         before ``from_m`` never are, so that it may turn back on itself at a corner. The
-        offset is measured to the path itself, not to samples of it (DOMAIN A1: nearest-sample errors are 8 % high).
+        offset is measured to the path itself, not to samples of it: the distance from the nearest sample was 8.2 % too
+        large on average at 1.25 m/s (Easterly et al., Trans. ASABE 59(6):1609).
         """
         best: tuple[float, float, float] | None = None
         for piece in self._pieces:

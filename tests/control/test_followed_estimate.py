@@ -119,6 +119,34 @@ def test_before_the_first_estimate_it_is_where_it_was_set_out() -> None:
     assert _belief().believed == VehicleState(east_m=5.0, north_m=6.0, heading_rad=0.1, speed_m_s=0.0)
 
 
+def test_who_sets_a_where_it_stands_takes_the_error_of_that_moment_for_none() -> None:
+    belief, surveyed = _belief(sets_a=True), _belief()
+    for step in range(10):  # the estimate wanders while the machine stands
+        heard = _heard(0.1 * step, 0.1 * step, 7.0 + 0.1 * step, 4.0, 0.1, 0.0)
+        told = belief.look(heard, 0.0)
+        assert told == belief.believed == _belief().believed
+        surveyed.look(heard, 0.0)
+    moving = _heard(2.0, 2.0, 10.0, 5.0, 0.1, 1.0)
+    told, plain = belief.look(moving, 1.0), surveyed.look(moving, 1.0)
+    assert told is not None
+    assert plain is not None
+    # 7.9 m and 4 m were said of the start at 5 m and 6 m.
+    assert (told.east_m, told.north_m) == pytest.approx((10.0 - 2.9, 5.0 + 2.0))
+    assert (plain.east_m, plain.north_m) == pytest.approx((10.0, 5.0))
+    standing_again = belief.look(_heard(3.0, 3.0, 20.0, 5.0, 0.1, 0.0), 0.0)
+    assert standing_again is not None
+    assert standing_again.east_m == pytest.approx(17.1)
+
+
+def test_who_sets_a_drives_a_line_beside_nothing_by_a_constant_error() -> None:
+    def says(step: int, states: list[VehicleState]) -> Said:
+        return estimate(now(step), states[-1], left_m=2.0)
+
+    path = [{"stop_s": 2.0}, {"straight_m": 40.0}]
+    assert drive(follower(path), 35.0, says)[-1].offset_m == pytest.approx(-2.0, abs=0.02)
+    assert abs(drive(follower(path, sets_a=True), 35.0, says)[-1].offset_m) < 1e-6
+
+
 # --- nothing to go by ------------------------------------------------------------------------------------------------
 
 
@@ -138,6 +166,44 @@ def test_with_nothing_to_go_by_it_creeps_straight_on_and_stops_until_there_is() 
     assert blind[-1].command.brake
     after = [moment for moment in log if moment.t_s > 17.0]
     assert after[0].command.speed_m_s == pytest.approx(2.0)
+    assert not driver.blind
+
+
+def test_it_says_that_it_is_blind_while_it_is() -> None:
+    driver = follower([{"stop_s": 2.0}, {"straight_m": 50.0}], speed_m_s=2.0)
+    blind = []
+
+    def says(step: int, states: list[VehicleState]) -> Said | None:
+        blind.append(driver.blind)
+        return perfect()(step, states) if not 5.0 <= step * STEP_S < 9.0 else None
+
+    drive(driver, 12.0, says)
+    # Standing is no blindness; what was said last is believed for 2 s, and asked for at every step.
+    changes = [step * STEP_S for step in range(1, len(blind)) if blind[step] != blind[step - 1]]
+    assert changes == pytest.approx([7.0, 9.0], abs=2 * STEP_S)
+
+
+def test_who_hears_the_same_for_long_while_moving_is_blind_until_it_changes() -> None:
+    """A held position must not be driven by: it would take the machine straight on for ever."""
+    driver = follower([{"stop_s": 4.0}, {"straight_m": 50.0}], speed_m_s=1.0)
+    held: list[VehicleState] = []
+    blind = []
+
+    def says(step: int, states: list[VehicleState]) -> Said:
+        blind.append(driver.blind)
+        if step * STEP_S == 10.0:
+            held.append(states[-1])
+        silent = 10.0 <= step * STEP_S < 30.0
+        return estimate(now(step), held[0] if silent else states[-1])
+
+    log = drive(driver, 40.0, says)
+    changes = [step * STEP_S for step in range(1, len(blind)) if blind[step] != blind[step - 1]]
+    # Standing for 4 s it hears the same, too, and that is no blindness.
+    assert changes == pytest.approx([12.0, 30.0], abs=3 * STEP_S)
+    # 2 s at 1 m/s, and then what is left of 0.5 m/s for 5 s.
+    stood = [moment.state.east_m for moment in log if 25.0 < moment.t_s < 30.0]
+    assert stood[-1] - held[0].east_m < 2.0 * 1.0 + 5.0 * 0.5 + 1.5
+    assert max(stood) - min(stood) < 1e-3
 
 
 def test_it_needs_nobody_to_stand_as_long_as_it_has_to() -> None:

@@ -24,9 +24,15 @@ HUSKY = DATA / "husky_jackal_bags"
 COMBINE = DATA / "combine_gartner_agridat" / "gartner.corn.csv"
 GNSS: dict[str, Any] = {
     "kind": "gnss",
-    "time": {"column": "t"},
+    "time": {"column": "t", "since": "start"},
     "columns": {"latitude_deg": {"column": "lat"}, "longitude_deg": {"column": "lon"}},
 }
+GYRO: dict[str, Any] = {
+    "kind": "yaw_gyro",
+    "time": {"column": "t", "since": "start"},
+    "columns": {"yaw_rate_rad_s": {"column": "w"}},
+}
+DATED = {"column": "t"}
 
 
 def gnss(**changes: Any) -> dict[str, Any]:
@@ -137,7 +143,7 @@ def test_units_words_and_constants(tmp_path: Path) -> None:
     columns = {
         "height_m": {"column": "h", "unit": "ft"},
         "speed_m_s": {"column": "v", "unit": "km/h"},
-        "compass_deg": {"column": "c", "unit": "rad"},
+        "course_deg": {"column": "c", "unit": "rad"},
         "sigma_e_m": {"column": "var", "unit": "m2"},
         "quality": {"column": "fix", "values": {"rtk": 4, "2": 5, "none": 0}},
         "satellites": {"constant": 9.0},
@@ -209,13 +215,7 @@ def test_no_digit_of_a_time_is_lost(text: str, unit: str, since: str, expected: 
 def test_files_that_begin_at_different_times_stay_in_time(tmp_path: Path) -> None:
     table(tmp_path, "t,lat,lon\n1000.0,10,20\n1001.0,10,20\n", "fix.csv")
     table(tmp_path, "t,w\n999.5,1\n1000.5,2\n1001.5,3\n", "gyro.csv")
-    gyro = {
-        "kind": "yaw_gyro",
-        "file": "gyro.csv",
-        "time": {"column": "t"},
-        "columns": {"yaw_rate_rad_s": {"column": "w"}},
-    }
-    log = open_log(tmp_path, mapping=mapping(tmp_path, gnss(file="fix.csv"), gyro))
+    log = open_log(tmp_path, mapping=mapping(tmp_path, gnss(file="fix.csv"), GYRO | {"file": "gyro.csv"}))
     assert [(each.sensor, each.t) for each in log.measurements()] == [
         ("yaw_gyro", 0.0),
         ("gnss", 0.5),
@@ -225,10 +225,53 @@ def test_files_that_begin_at_different_times_stay_in_time(tmp_path: Path) -> Non
     ]
 
 
-def test_a_first_row_far_off_does_not_move_the_others(tmp_path: Path) -> None:
-    path = table(tmp_path, "t,lat,lon\n0,10,20\n1000,10,20\n1001,10,20\n")
-    path.write_text("t,lat,lon\n0,10,20\n1500000000,10,20\n1500000001,10,20\n")
+def test_tables_keep_their_common_clock_whatever_the_gaps(tmp_path: Path) -> None:
+    hours = 3600.0
+    # The gyroscope begins three hours after the receiver, and both pause for days, at other times.
+    fixes = [0.0, 1.0, 3.0 * hours, 3.0 * hours + 1.0, 80.0 * hours, 160.0 * hours]
+    turns = [3.0 * hours, 3.0 * hours + 0.5, 159.0 * hours, 160.0 * hours]
+    table(tmp_path, "t,lat,lon\n" + "".join(f"{7.0 + t},10,20\n" for t in fixes), "fix.csv")
+    table(tmp_path, "t,w\n" + "".join(f"{7.0 + t},1\n" for t in turns), "gyro.csv")
+    log = open_log(tmp_path, mapping=mapping(tmp_path, gnss(file="fix.csv"), GYRO | {"file": "gyro.csv"}))
+    sensors = by_sensor(list(log.measurements()))
+    assert [each.t for each in sensors["gnss"]] == fixes
+    assert [each.t for each in sensors["yaw_gyro"]] == turns
+    assert not log.problems
+
+
+def test_what_goes_back_or_far_ahead_and_back_again_is_passed_over(tmp_path: Path) -> None:
+    times = [100, 101, 50, 51, 52, 53, 102, 90_000, 103, 95, 104, 200_000]
+    path = table(tmp_path, "t,lat,lon\n" + "".join(f"{t},10,20\n" for t in times))
     log = open_log(path, mapping=mapping(tmp_path, gnss()))
+    found = list(log.measurements())
+    assert [each.t + 100.0 for each in found] == [100, 101, 102, 103, 95, 104, 200_000]
+    assert found[4].t_available_ns == found[3].t_ns
+    assert log.problems == {"time jumps": 5}
+
+
+def test_a_log_claims_thirty_days_at_most(tmp_path: Path) -> None:
+    days = [0.0, 29.9, 30.0, 30.1, 400.0, 9_000.0]
+    path = table(tmp_path, "t,lat,lon\n" + "".join(f"{86_400 * day + k},10,20\n" for day in days for k in range(2)))
+    log = open_log(path, mapping=mapping(tmp_path, gnss()))
+    assert [round(each.t / 86_400, 1) for each in log.measurements()] == [0.0, 0.0, 29.9, 29.9, 30.0]
+    assert log.problems == {"more than 30 days after the beginning": 7}
+
+
+@pytest.mark.parametrize(("text", "usable"), [("315532800", True), ("315532799", False), ("3471292799", True),
+                                              ("3471292800", False)])  # fmt: skip
+def test_dates_are_those_from_1980_to_2079(text: str, usable: bool, tmp_path: Path) -> None:
+    path = table(tmp_path, f"t,lat,lon\n{text},10,20\n")
+    opening = mapping(tmp_path, gnss(time=DATED))
+    if usable:
+        assert len(list(open_log(path, mapping=opening).measurements())) == 1
+    else:
+        with pytest.raises(BadInputError, match=r"no row of it can be used \(1 out of range\)"):
+            open_log(path, mapping=opening)
+
+
+def test_a_first_row_far_off_does_not_move_the_others(tmp_path: Path) -> None:
+    path = table(tmp_path, "t,lat,lon\n400000000,10,20\n1500000000,10,20\n1500000001,10,20\n")
+    log = open_log(path, mapping=mapping(tmp_path, gnss(time=DATED)))
     assert [each.t for each in log.measurements()] == [0.0, 1.0]
     assert log.problems == {"time jumps": 1}
     assert log.start_utc_ns == 1_500_000_000 * 10**9
@@ -246,6 +289,8 @@ def test_a_first_row_far_off_does_not_move_the_others(tmp_path: Path) -> None:
         ("soon,10,20", "not a number"),
         ("101,ten,20", "not a number"),
         ("101,1_0,20", "not a number"),
+        ("1_01,10,20", "not a number"),
+        ("\u0661,10,20", "not a number"),
         ("101,1e999,20", "out of range"),
         ("101,91,20", "out of range"),
         ("1e400,10,20", "out of range"),
@@ -308,13 +353,8 @@ def test_a_mapping_that_cannot_be_is_refused(changes: dict[str, Any], message: s
 def test_two_sensors_of_a_kind_and_mixed_starts_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="two of the kind 'gnss'"):
         read_mapping(mapping(tmp_path, gnss(), gnss()))
-    gyro = {
-        "kind": "yaw_gyro",
-        "time": {"column": "t", "since": "start"},
-        "columns": {"yaw_rate_rad_s": {"column": "w"}},
-    }
     with pytest.raises(BadInputError, match="cannot be put beside"):
-        read_mapping(mapping(tmp_path, gnss(), gyro))
+        read_mapping(mapping(tmp_path, gnss(time=DATED), GYRO))
 
 
 def test_a_receiver_needs_a_position(tmp_path: Path) -> None:

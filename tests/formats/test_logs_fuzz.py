@@ -27,7 +27,7 @@ MAPPING = {
     "tables": [
         {
             "kind": "gnss",
-            "time": {"column": "t"},
+            "time": {"column": "t", "since": "start"},
             "columns": {"latitude_deg": {"column": "lat"}, "longitude_deg": {"column": "lon"}, "hdop": {"column": "h"}},
         }
     ]

@@ -18,7 +18,8 @@ from tests.formats.sentences import GSA, gga, gst, rmc, vtg, write_log
 from tests.sensors.motions import preset, sensor
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import COLUMNS, neutral_sheet
+from twin.formats.gnss_fixes import COLUMNS
+from twin.formats.log_head import neutral_sheet
 from twin.formats.logs import open_log
 from twin.formats.nmea import KNOT_M_S, framed
 from twin.signals import Measurement
@@ -249,6 +250,16 @@ def test_a_log_with_an_epoch_a_minute_is_read_whole(tmp_path: Path) -> None:
     assert not problems
 
 
+def test_a_log_of_long_gaps_claims_thirty_days_at_most(tmp_path: Path) -> None:
+    # Pairs every two hours: half a year of them.
+    hours = [2 * index for index in range(12 * 180)]
+    bodies = [gga(f"{hour % 24:02d}000{second}.00") for hour in hours for second in range(2)]
+    found, problems = read(write_log(tmp_path, *bodies))
+    assert found[-1].t_ns == found[-1].t_available_ns == 30 * 86_400 * 10**9
+    assert len(found) == 2 * 12 * 30 + 1
+    assert problems == {"more than 30 days after the beginning": 2 * 12 * 150 - 1}
+
+
 @pytest.mark.parametrize("dated", [False, True])
 def test_joined_logs_go_on_one_second_after_the_first(dated: bool, tmp_path: Path) -> None:
     times = ("120000", "120001", "080000", "080001", "080002", "200000", "200001", "200002")
@@ -299,6 +310,8 @@ def damaged(body: str) -> bytes:
         (framed(rmc("120001.00", date="310226")).encode(), "out of range"),
         (framed(rmc("120001.00", date="3102")).encode(), "not a number"),
         (framed(rmc("120001.00", course="-1e9")).encode(), "out of range"),
+        (framed("GNZDA,120001.00,01,04,9999,00,00").encode(), "out of range"),
+        (framed("GNZDA,120001.00,31,12,1979,00,00").encode(), "out of range"),
         (framed("GNVTG,90.0,T").encode(), "missing fields"),
         (b"$GNGGA," + b"1" * 5000 + b"\n", "too long"),
         (b"$" * 100_000 + b"\n", "too long"),
@@ -357,6 +370,20 @@ def test_a_receiver_is_known_by_its_rate_and_its_best_quality(tmp_path: Path) ->
     assert (fixed.kind, fixed.columns) == ("gnss", COLUMNS)
     assert fixed.datasheet["position_noise_m"] < 0.05
     assert single.datasheet["position_noise_m"] > 1.0
+
+
+def test_a_fix_that_comes_after_minutes_still_tells_what_the_receiver_can(tmp_path: Path) -> None:
+    bodies = [
+        gga(f"12{second // 60:02d}{second % 60:02d}.00", quality=4 if second > 400 else 1) for second in range(410)
+    ]
+    assert open_log(write_log(tmp_path, *bodies)).sensors["gnss"].datasheet == neutral_sheet(4)
+
+
+def test_a_joined_log_does_not_date_the_first(tmp_path: Path) -> None:
+    bodies = [rmc(f"12{second // 60:02d}{second % 60:02d}.00", date="010426") for second in range(70)]
+    bodies += [rmc(f"0900{second:02d}.00", date="050426") for second in range(9)]
+    log = open_log(write_log(tmp_path, *bodies))
+    assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64("2026-04-01T12:00:00")
 
 
 @pytest.mark.parametrize("quality", [4, 5, 2, 1])

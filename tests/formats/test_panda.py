@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from tests.formats.sentences import gga, write_log
 from twin.formats.geodetic import Origin
 from twin.formats.gnss_fixes import COLUMNS
+from twin.formats.log_head import LOOKED_AT
 from twin.formats.logs import open_log
-from twin.formats.nmea import KNOT_M_S
+from twin.formats.nmea import KNOT_M_S, framed
 from twin.formats.nmea_log import AHRS_COLUMNS
 from twin.formats.nmea_style import NmeaStyle
 from twin.formats.panda_out import panda_sentences, paogi_sentences
@@ -140,6 +141,30 @@ def test_the_sentinel_is_no_heading(tmp_path: Path) -> None:
     assert list(log.sensors) == ["gnss"]
     assert len(list(log.measurements())) == 1
     assert not log.problems
+
+
+def board_log(folder: Path, silent: int, speaking: int) -> Path:
+    """A board at 1 Hz whose IMU is silent at first."""
+    path = folder / "board.log"
+    with path.open("w") as file:
+        for second in range(silent + speaking):
+            clock = f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.00"
+            imu = "65535,0,0,0" if second < silent else "900,10,10,0"
+            file.write(framed(f"PANDA,{clock},4404.13,N,12118.87,W,4,12,0.7,100.0,1.0,3.888,{imu}"))
+    return path
+
+
+def test_an_imu_that_speaks_after_a_minute_is_heard(tmp_path: Path) -> None:
+    log = open_log(board_log(tmp_path, 60, 30))
+    assert sum(each.sensor == "ahrs" for each in log.measurements()) == 30
+    assert not log.problems
+    assert log.sensors["yaw_gyro"].rate_hz == 1.0
+
+
+def test_an_imu_that_speaks_later_than_one_looks_is_counted(tmp_path: Path) -> None:
+    log = open_log(board_log(tmp_path, LOOKED_AT, 7))
+    assert {each.sensor for each in log.measurements()} == set(log.sensors) == {"gnss"}
+    assert log.problems == {"attitude not announced": 7}
 
 
 @pytest.mark.parametrize("imu", [("90.5", "0", "0", "0"), ("1e3", "0", "0", "0"), ("900", "1.5", "0", "0")])

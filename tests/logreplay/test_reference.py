@@ -76,6 +76,13 @@ def test_it_is_read_along_in_memory_that_does_not_grow() -> None:
         assert len(reference._t_ns) < 500 + 20 + 2 * 512
 
 
+@pytest.mark.parametrize("years", [-99, -1.1, 1.1, 99])
+def test_logs_that_lie_years_apart_are_refused(years: float) -> None:
+    away_ns = round(years * 365.25 * 86_400) * NS_PER_S
+    with pytest.raises(BadInputError, match=rf"begins {abs(years):.1f} years away"):
+        track(fix(0.0, 0.0, 0.0), start_utc_ns=START + away_ns)
+
+
 @pytest.mark.parametrize("undated", ["reference", "replayed"])
 def test_without_a_date_times_cannot_be_matched(undated: str) -> None:
     log = MadeUpLog([fix(0.0, 0.0, 0.0)], start_utc_ns=None if undated == "reference" else START)

@@ -163,6 +163,20 @@ def test_estimators_start_where_the_log_does() -> None:
     assert replayed(MadeUpLog(still)).start == (1.0, 2.0, 0.0)
 
 
+@pytest.mark.parametrize("course", [0.0, 0.5 * math.pi, -2.0])
+def test_estimators_start_where_the_reference_frame_is(course: float) -> None:
+    ahead = np.array([math.cos(course), math.sin(course)])
+    left = np.array([-ahead[1], ahead[0]])
+    start = np.array([100.0, 50.0])
+    places = [start + SPEED * t * ahead + 1.5 * ahead - 0.4 * left for t in range(9)]
+    sent = [fix(t, *place.tolist(), speed_m_s=SPEED, course_rad=course) for t, place in enumerate(places)]
+    told = read_settings(["vehicle.antenna_xyz_m=[1.5, -0.4, 2.0]"])
+    choices = choose([], plugins={"walk": partial(AdaptedEstimator, Walk)})
+    found = replay_log(MadeUpLog(sent), choices, settings=told)
+    assert found.start == pytest.approx((100.0, 50.0, course))
+    assert result_of(found)["log"]["start_e_n_heading"] == list(found.start)
+
+
 def test_an_antenna_off_the_reference_frame_is_compared_as_antenna() -> None:
     class Rear:
         """Knows the track, 0.5 m behind the antenna."""

@@ -39,10 +39,9 @@ def test_the_bias_stays(driven: Recording) -> None:
     """Neither filter can know a constant error of the receiver: their means follow its mean (paper 003, section 4)."""
     metrics = twin.score(driven).metrics
     biased = metrics["gps.line.mean_error_m"]
-    assert abs(biased) > 1.0
-    # what a filter of 15 s is late by at 1.1 m/s and what the gyro misleads it by are smaller than that
-    assert metrics["pv.line.mean_error_m"] == pytest.approx(biased, abs=0.5 * abs(biased))
-    assert metrics["ours.line.mean_error_m"] == pytest.approx(biased, abs=0.5 * abs(biased))
+    # the receiver's wander about its mean is what they may make better or worse: 0.72 m rms (preset lea_5s)
+    assert metrics["pv.line.mean_error_m"] == pytest.approx(biased, abs=2.0 * 0.72)
+    assert metrics["ours.line.mean_error_m"] == pytest.approx(biased, abs=2.0 * 0.72)
 
 
 def test_the_filter_is_closed_in_the_turn_and_starts_anew_in_the_new_row(driven: Recording) -> None:

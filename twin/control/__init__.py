@@ -37,6 +37,7 @@ __all__ = [
     "TreeDistancesDriverConfig",
     "build_driver",
     "build_implement",
+    "is_blind",
 ]
 
 CONTROL_HZ = 50.0
@@ -123,6 +124,11 @@ def build_driver(
             return LaneFollowing(config, start_e_n_heading=start_e_n_heading)
         case ReciprocationConfig():
             return Reciprocation(config, start_e_n_heading=start_e_n_heading, seed=seed)
+
+
+def is_blind(driver: Driver) -> bool:
+    """Whether a driver that goes by an estimator has nothing to go by now."""
+    return isinstance(driver, PathDriver) and driver.blind
 
 
 ImplementConfigUnion = LevellingControlConfig

@@ -76,6 +76,9 @@ class PathDriverConfig(FollowerConfig):
     in the seat and 2.5 s for one that goes by an estimator."""
     stale_after_s: Annotated[float, Field(gt=0.0, le=60.0)] = 2.0
     """Age up to which an estimate is believed, without the seat."""
+    sets_a: bool = False
+    """Whether lines are laid out from where the estimator has the machine at the start, as by a driver who sets point A
+    where it stands and takes the direction of B as known; without it they were surveyed before."""
     blind_speed_m_s: NonNegative = 0.5
     """Largest speed with nothing to go by."""
     blind_s: NonNegative = 5.0
@@ -142,6 +145,7 @@ class PathDriver:
                 ahead_m=reference_x_m,
                 stale_after_s=config.stale_after_s,
                 start_e_n_heading=start_e_n_heading,
+                sets_a=config.sets_a,
             )
         self._window_m = _SEAT_WINDOW_M if self._followed is None else _ESTIMATE_WINDOW_M
         self._stood_s = 0.0
@@ -156,6 +160,11 @@ class PathDriver:
     def segment_names(self) -> tuple[str, ...]:
         """Names of the legs, in order; the state after the last one is ``finished``."""
         return (*(leg.name for leg in self._legs), "finished")
+
+    @property
+    def blind(self) -> bool:
+        """Whether it had nothing to go by when it was last asked, and drives on nevertheless or has stopped for it."""
+        return self._blind_for_s > 0.0
 
     def command(self, knowledge: Knowledge, interval_s: float) -> Command:
         """Return what the driver asks of the machine now; called every ``interval_s``."""

@@ -15,8 +15,9 @@ from twin.errors import BadInputError
 from twin.formats.csv_mapping import COLUMNS, CsvMapping, Table
 from twin.formats.csv_rows import Row, TableReader
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import GNSS, HEAD_EPOCHS, Fix, measurements, origin_of, rate_hz, receiver_info
-from twin.formats.log_clock import LogClock, Placed, follows
+from twin.formats.gnss_fixes import GNSS, Fix, measurements
+from twin.formats.log_clock import LONGEST_LOG_NS, Placed, SharedClock, follows
+from twin.formats.log_head import HEAD_EPOCHS, LogHead, origin_of, rate_hz, receiver_info
 from twin.signals import Measurement, Mount, SensorInfo
 
 _NEUTRAL_IMU = {
@@ -31,8 +32,9 @@ _NEUTRAL_IMU = {
 class CsvLog:
     """Sensors in one or several CSV files; see :class:`twin.formats.log.Log`.
 
-    A sample arrives when it is measured. Files are read side by side and each is taken to be in order of time. A
-    receiver whose quality the mapping does not tell counts as a single-point one (1) where it has a position.
+    A sample arrives when it is measured. Files are read side by side, on one clock, and each is taken to be in order of
+    time: what goes back is passed over. A receiver whose quality the mapping does not tell counts as a single-point one
+    (1) where it has a position.
 
     Args:
         path: one of the files, or their folder; a table without ``file`` is about this one.
@@ -47,38 +49,21 @@ class CsvLog:
         self.path = path
         self.problems: Counter[str] = Counter()
         self._readers = [TableReader(_file(path, table), table) for table in mapping.tables]
-        heads = [self._head(reader) for reader in self._readers]
-        if not any(heads):
-            raise BadInputError(f"{path}: no row of it can be used")
-        self._first_ns = min(_start_ns(head) for head in heads if head)
+        unused: Counter[str] = Counter()
+        rows, heads = zip(*(_look(reader, unused) for reader in self._readers), strict=True)
+        if not any(rows):
+            kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
+            raise BadInputError(f"{path}: no row of it can be used ({kinds or 'nothing at all'})")
+        self._first_ns = min(_start_ns(first) for first in rows if first)
         dated = mapping.tables[0].time.since != "start"
         self.start_utc_ns = self._first_ns if dated else None
-        fixes = [
-            _fix(reader.table, row, 0, 0)
-            for reader, head in zip(self._readers, heads, strict=True)
-            if reader.table.kind == GNSS
-            for row in head
-        ]
+        fixes = [fix for head in heads for fix in head.fixes]
         if origin is None:
-            origin = origin_of(fixes) if any(fix.placed for fix in fixes) else Origin()
+            origin = origin_of(fixes) if fixes else Origin()
         self.origin = origin
-        infos = [_info(reader.table, head) for reader, head in zip(self._readers, heads, strict=True) if head]
+        tables = zip(mapping.tables, rows, heads, strict=True)
+        infos = [_info(table, first, head) for table, first, head in tables if first]
         self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in infos}
-
-    @staticmethod
-    def _head(reader: TableReader) -> list[Row]:
-        """Its first rows; of a receiver those from the first position on, if there is one."""
-        rows: list[Row] = []
-        found = reader.table.kind != GNSS
-        for row in reader.rows(Counter()):
-            if not found and _fix(reader.table, row, 0, 0).placed:
-                found = True
-                rows = rows[:1]
-            if len(rows) < HEAD_EPOCHS:
-                rows.append(row)
-            elif found:
-                break
-        return rows
 
     def measurements(self) -> Iterator[Measurement]:
         """Measurements in order of arrival; once."""
@@ -89,9 +74,9 @@ class CsvLog:
         return measurements(self._items(reader), self.origin)
 
     def _items(self, reader: TableReader) -> Iterator[Fix | Measurement]:
-        clock: LogClock[Row] = LogClock(self.problems, begin_ns=self._first_ns)
+        clock: SharedClock[Row] = SharedClock(self.problems, begin_ns=self._first_ns)
         for row in reader.rows(self.problems):
-            for placed in clock.put_absolute(row, row.t_ns):
+            for placed in clock.put(row, row.t_ns):
                 yield _sample(reader.table, placed)
         for placed in clock.finish():
             yield _sample(reader.table, placed)
@@ -110,10 +95,24 @@ def _file(path: Path, table: Table) -> Path:
     return (path if path.is_dir() else path.parent) / table.file
 
 
+def _look(reader: TableReader, unused: Counter[str]) -> tuple[list[Row], LogHead]:
+    """The first rows of a table, and what they tell of a receiver."""
+    rows, head = list[Row](), LogHead()
+    receiver = reader.table.kind == GNSS
+    for row in reader.rows(unused):
+        if len(rows) < HEAD_EPOCHS:
+            rows.append(row)
+        if receiver:
+            head.take(_fix(reader.table, row, row.t_ns, row.t_ns))
+        if len(rows) == HEAD_EPOCHS and (not receiver or head.looked_far or (head.whole and head.best_there_is)):
+            break
+    return rows, head
+
+
 def _start_ns(head: Sequence[Row]) -> int:
     """Time of the first row that another follows: a first one far off does not count."""
     pairs = itertools.pairwise(head)
-    return next((row.t_ns for row, after in pairs if follows(after.t_ns - row.t_ns)), head[0].t_ns)
+    return next((row.t_ns for row, after in pairs if follows(after.t_ns - row.t_ns, LONGEST_LOG_NS)), head[0].t_ns)
 
 
 def _fix(table: Table, row: Row, t_ns: int, t_available_ns: int) -> Fix:
@@ -135,11 +134,11 @@ def _measurement(table: Table, row: Row, t_ns: int, t_available_ns: int) -> Meas
     )
 
 
-def _info(table: Table, head: Sequence[Row]) -> SensorInfo:
+def _info(table: Table, rows: Sequence[Row], head: LogHead) -> SensorInfo:
     mount = Mount(body="log", xyz_m=table.xyz_m)
-    rate = rate_hz([row.t_ns for row in head])
+    rate = rate_hz([each.t_ns for each in head.fixes or rows])
     if table.kind == GNSS:
-        info = receiver_info([_fix(table, row, row.t_ns, row.t_ns) for row in head])
+        info = receiver_info([], head.best)
         columns, sheet = info.columns, dict(info.datasheet)
     else:
         columns, sheet = COLUMNS[table.kind], dict(_NEUTRAL_IMU) if table.kind == "imu" else {}

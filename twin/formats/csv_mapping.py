@@ -8,8 +8,8 @@
     time = { column = "t", unit = "s", since = "unix" }
 
     [tables.columns]                  # of the simulated sensor; receivers have latitude_deg, longitude_deg, height_m
-    latitude_deg = { column = "lat" }                       # and compass_deg for position and course
-    sigma_e_m = { column = "cov_xx_m2", unit = "m2" }       # a variance
+    latitude_deg = { column = "lat" }                       # and course_deg for position and course over
+    sigma_e_m = { column = "cov_xx_m2", unit = "m2" }       # ground, clockwise from north; "m2" is a variance
     speed_m_s = { column = "inches", unit = "in", over = "seconds", scale = 0.98 }
     quality = { column = "status", values = { "-1" = 0, "0" = 1 } }
     satellites = { constant = 8 }
@@ -30,6 +30,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from twin.config import Config, Vector3
 from twin.errors import BadInputError
 from twin.formats.gnss_fixes import GNSS, Fix
+from twin.formats.nmea import KMH_M_S, KNOT_M_S
 from twin.geometry import STANDARD_GRAVITY_M_S2
 from twin.paths import ASSETS, plain_name
 from twin.signals import SPEED, YAW_RATE
@@ -64,7 +65,7 @@ _ANGLES_RAD = {"rad": 1.0, "deg": math.pi / 180.0}
 _UNITS: tuple[tuple[str, Mapping[str, float]], ...] = (
     ("_rad_s", {"rad/s": 1.0, "deg/s": math.pi / 180.0}),
     ("_m_s2", {"m/s2": 1.0, "g": STANDARD_GRAVITY_M_S2}),
-    ("_m_s", {"m/s": 1.0, "km/h": 1.0 / 3.6, "kn": 1852.0 / 3600.0, "mph": 0.44704}),
+    ("_m_s", {"m/s": 1.0, "km/h": KMH_M_S, "kn": KNOT_M_S, "mph": 0.44704}),
     ("_deg", {"deg": 1.0, "rad": 180.0 / math.pi}),
     ("_rad", _ANGLES_RAD),
     ("_m", _LENGTHS),

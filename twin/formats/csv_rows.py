@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.errors import BadInputError
+from twin.formats.bad_lines import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadLineError, any_number, require_plain
 from twin.formats.csv_mapping import VARIANCE, Source, Table, TimeColumn, units_of
+from twin.formats.dates import require_dated
 from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
 from twin.formats.lines import lines_of, require_file
-from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
 from twin.signals import NS_PER_S
 
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
@@ -28,7 +29,7 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "height_m": (-1e4, 1e5),
     "geoid_m": (-200.0, 200.0),
     "speed_m_s": (-1e3, 1e3),
-    "compass_deg": (-360.0, 360.0),
+    "course_deg": (-360.0, 360.0),
     "quality": (0.0, 9.0),
     "satellites": (0.0, 999.0),
     "hdop": (0.0, 9_999.0),
@@ -64,14 +65,14 @@ class _Cell(NamedTuple):
         value = _number(cells[self.at]) if source.values is None else _word(cells[self.at].strip(), source.values)
         if source.unit == VARIANCE:
             if value < 0.0:
-                raise BadSentenceError(OUT_OF_RANGE)
+                raise BadLineError(OUT_OF_RANGE)
             value = math.sqrt(value)
         if source.over is not None:
             seconds = _number(cells[self.over])
             value = value / seconds if seconds > 0.0 else math.nan
         value *= self.scale
         if not math.isnan(value) and not self.limits[0] <= value <= self.limits[1]:
-            raise BadSentenceError(OUT_OF_RANGE)
+            raise BadLineError(OUT_OF_RANGE)
         return value
 
 
@@ -133,12 +134,12 @@ class TableReader:
         for cells in itertools.islice(self._cells(problems), 1, None):
             try:
                 yield self._row(cells)
-            except BadSentenceError as error:
+            except BadLineError as error:
                 problems[error.kind] += 1
 
     def _row(self, cells: Sequence[str]) -> Row:
         if len(cells) != self._width:
-            raise BadSentenceError(MISSING)
+            raise BadLineError(MISSING)
         values = {cell.name: cell.value(cells) for cell in self._columns}
         return Row(_time_ns(cells[self._time].strip(), self.table.time), values)
 
@@ -153,39 +154,38 @@ def _word(word: str, values: Mapping[str, float]) -> float:
                 return value
         except ValueError:
             continue
-    raise BadSentenceError(OUT_OF_RANGE)
+    raise BadLineError(OUT_OF_RANGE)
 
 
 def _number(cell: str) -> float:
     """A number; NaN for an empty cell or one that says so."""
     if not cell or cell.isspace():
         return math.nan
-    try:
-        value = float(cell)
-    except ValueError:
-        raise BadSentenceError(NOT_A_NUMBER) from None
-    if "_" in cell:
-        raise BadSentenceError(NOT_A_NUMBER)
+    value = any_number(cell)
     if math.isinf(value):
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     return value
 
 
 def _time_ns(text: str, column: TimeColumn) -> int:
     """A row's time, ns since 1970 (UTC) or since some moment; no digit of it is lost."""
     if not text:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     try:
         value = decimal.Decimal(text)
     except decimal.InvalidOperation:
-        raise BadSentenceError(NOT_A_NUMBER) from None
+        raise BadLineError(NOT_A_NUMBER) from None
+    require_plain(text)
     digits = _DIGITS[column.unit]
     if not value.is_finite() or value.adjusted() + digits > _LARGEST_TIME_DIGITS or len(text) > _LONGEST_TIME:
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     t_ns = int(value.scaleb(digits))
     if column.since == "gps":
         t_ns += UNIX_OF_GPS_S * NS_PER_S
         t_ns -= leap_seconds(t_ns / NS_PER_S) * NS_PER_S
-    if not 0 <= t_ns < 2**62:
-        raise BadSentenceError(OUT_OF_RANGE)
+    if column.since == "start":
+        if not 0 <= t_ns < 2**62:
+            raise BadLineError(OUT_OF_RANGE)
+    else:
+        require_dated(t_ns)
     return t_ns

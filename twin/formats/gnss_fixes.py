@@ -12,7 +12,7 @@ import numpy as np
 from twin.formats.geodetic import Origin
 from twin.formats.log_clock import Placed
 from twin.geometry import wrap_angle
-from twin.signals import NS_PER_S, POSITION, FloatArray, Measurement, Mount, SensorInfo
+from twin.signals import POSITION, FloatArray, Measurement, Mount
 
 GNSS = "gnss"
 """Name and kind of a log's receiver."""
@@ -32,10 +32,8 @@ COLUMNS = (
 """Those of :class:`twin.sensors.gnss.Gnss`."""
 UNKNOWN_MOUNT = Mount(body="log", xyz_m=(0.0, 0.0, 0.0))
 """A log does not say where its sensors sit."""
-HEAD_EPOCHS = 50
-"""So many epochs from a log's first position on tell its rate and quality."""
 _BLOCK = 256
-_LATITUDES, _HEIGHTS, _GEOID = (-89.0, 89.0), (-1_000.0, 9_000.0), (-110.0, 90.0)
+_LATITUDES = (-89.0, 89.0)
 """What :class:`Origin` allows."""
 
 
@@ -49,7 +47,7 @@ class Fix(NamedTuple):
     height_m: float = math.nan
     """Above the ellipsoid."""
     speed_m_s: float = math.nan
-    compass_deg: float = math.nan
+    course_deg: float = math.nan
     """Course, clockwise from north."""
     sigma_e_m: float = math.nan
     sigma_n_m: float = math.nan
@@ -113,77 +111,3 @@ def _values(fixes: Sequence[Fix], origin: Origin) -> FloatArray:
     course = rest[:, 1]
     course[:] = wrap_angle(0.5 * math.pi - np.radians(course))
     return np.concatenate([position, rest], axis=1)
-
-
-def origin_of(head: Sequence[Fix]) -> Origin:
-    """The local frame that begins at the first position of a log's head, at the first height in it.
-
-    One of the fixes has to be ``placed``.
-    """
-    first = next(fix for fix in head if fix.placed)
-    return Origin(
-        latitude_deg=first.latitude_deg,
-        longitude_deg=first.longitude_deg,
-        height_m=_first([fix.height_m for fix in head], _HEIGHTS),
-        geoid_height_m=_first([fix.geoid_m for fix in head], _GEOID),
-    )
-
-
-def _first(values: Sequence[float], limits: tuple[float, float]) -> float:
-    known = next((value for value in values if not math.isnan(value)), 0.0)
-    return min(max(known, limits[0]), limits[1])
-
-
-_REPORTED_M = {4: (0.01, 0.02), 5: (0.2, 0.4), 2: (0.5, 0.95), 1: (1.5, 2.9)}
-"""Horizontal and vertical noise of a neutral receiver by the best quality it has: an F9P's own word for RTK fixed, the
-measured error of its float solution (whose own word is a hundredth of it), a choice for differential, and a NEO-M8U's
-own word for single point."""
-_HORIZONTAL = {
-    4: ("", 0.0046, 245.0),
-    5: ("float_", 0.16, 100.0),
-    2: ("differential_", 0.4, 100.0),
-    1: ("single_", 0.8, 160.0),
-}
-"""Name, what wanders (m), how long it lasts (s): an F9P standing 2490 s, its float solution, a choice as in the
-receivers' presets, a NEO-M8U on a standing tractor. What is new in every fix nobody can tell of a receiver that nobody
-knows; it shows in the log, and is for estimators to find."""
-_VELOCITY = {"speed_noise_m_s": 0.05, "speed_noise_ratio": 0.03, "velocity_lag_s": 0.0, "latency_s": 0.0}
-"""A choice: Doppler speed of any receiver, digits included, and direction within 1.6 degrees."""
-
-
-def neutral_sheet(best: int) -> dict[str, float]:
-    """Data sheet of a receiver nobody knows, by the best quality it has, with the names of simulated receivers'."""
-    horizontal, vertical = _REPORTED_M[best]
-    sheet = {"position_noise_m": horizontal, "height_noise_m": vertical, **_VELOCITY}
-    for quality, (name, correlated, correlation) in _HORIZONTAL.items():
-        for prefix in {name, ""} if quality == best else {name} - {""}:
-            sheet |= {
-                f"{prefix}position_correlated_sigma_m": correlated,
-                f"{prefix}position_correlation_s": correlation,
-            }
-    return sheet
-
-
-def receiver_info(head: Sequence[Fix]) -> SensorInfo:
-    """What can be told of a receiver from the beginning of its log: its rate, and a neutral data sheet.
-
-    Which of the neutral receivers is taken goes by the best quality in ``head``. Nobody knows its latency and its
-    antenna's place: both are zero.
-    """
-    qualities = {fix.quality for fix in head}
-    best = next((quality for quality in _REPORTED_M if quality in qualities), 1)
-    return SensorInfo(
-        name=GNSS,
-        kind=GNSS,
-        columns=COLUMNS,
-        mount=UNKNOWN_MOUNT,
-        rate_hz=rate_hz([fix.t_ns for fix in head]),
-        datasheet=neutral_sheet(best),
-    )
-
-
-def rate_hz(times_ns: Sequence[int]) -> float:
-    """Rate of a sensor by the median of the steps that go ahead; one a second where there are none."""
-    steps = np.diff(np.array(times_ns, dtype=np.int64))
-    ahead = steps[steps > 0]
-    return NS_PER_S / float(np.median(ahead)) if len(ahead) else 1.0

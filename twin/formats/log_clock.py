@@ -7,6 +7,11 @@ An epoch within ``NEAR_NS`` of the latest is in order, or late, and keeps its ti
 next. If the log goes on as if nothing had been, it is passed over. If the next one goes on from it, there was a gap
 (up to ``LONGEST_GAP_NS`` ahead), which stays. Beyond that, and back, three have to agree: then the receiver's clock has
 been set, or two logs have been joined, and the log's time goes on one second after the latest.
+
+Clocks that count from one zero for a whole log, as those of several tables beside one another, are never set anew
+(:class:`SharedClock`): gaps of any length stay, and what goes back is passed over.
+
+A log claims no more than ``LONGEST_LOG_DAYS``: what it has after them is passed over.
 """
 
 from __future__ import annotations
@@ -19,7 +24,10 @@ from twin.signals import NS_PER_S
 DAY_NS = 86_400 * NS_PER_S
 NEAR_NS = 10 * NS_PER_S
 LONGEST_GAP_NS = 7_200 * NS_PER_S
+LONGEST_LOG_DAYS = 30
+LONGEST_LOG_NS = LONGEST_LOG_DAYS * DAY_NS
 JUMP = "time jumps"
+BEYOND = f"more than {LONGEST_LOG_DAYS} days after the beginning"
 RESTART = "clock set anew"
 _AGREE_ON_A_GAP, _AGREE_ON_A_JUMP = 2, 3
 
@@ -36,9 +44,9 @@ class Placed(NamedTuple, Generic[Item]):
     """When it arrived: with the latest until then."""
 
 
-def follows(step_ns: int) -> bool:
+def follows(step_ns: int, longest_ns: int = LONGEST_GAP_NS) -> bool:
     """Whether something may come so long after something else."""
-    return -NEAR_NS <= step_ns <= LONGEST_GAP_NS
+    return -NEAR_NS <= step_ns <= longest_ns
 
 
 def _nearest(time_of_day_ns: int, to_ns: int) -> int:
@@ -46,20 +54,79 @@ def _nearest(time_of_day_ns: int, to_ns: int) -> int:
     return to_ns + (time_of_day_ns - to_ns + DAY_NS // 2) % DAY_NS - DAY_NS // 2
 
 
-class LogClock(Generic[Item]):
-    """The clock of one log.
+class _Clock(Generic[Item]):
+    """What both clocks have: what waits for a word from what follows, and what is in time."""
 
-    Args:
-        problems: where epochs that are passed over are counted.
-        begin_ns: time zero on the log's own clock; that of the first epoch if None.
-    """
-
-    def __init__(self, problems: Counter[str], *, begin_ns: int | None = None) -> None:
+    def __init__(self, problems: Counter[str], begin_ns: int | None) -> None:
         self._problems = problems
         self._latest = begin_ns
         self._zero = begin_ns or 0
-        """Time zero on the receiver's clock; moves where that is set anew."""
+        """Time zero on the log's own clock."""
         self._waiting: list[tuple[Item, int]] = []
+
+    def _go_on(self) -> list[Placed[Item]]:
+        waiting, self._waiting = self._waiting, []
+        return self._place(*waiting)
+
+    def _pass_over(self) -> None:
+        if self._waiting:
+            self._problems[JUMP] += len(self._waiting)
+            self._waiting = []
+
+    def _place(self, *told: tuple[Item, int]) -> list[Placed[Item]]:
+        placed = []
+        for item, clock_ns in told:
+            self._latest = clock_ns if self._latest is None else max(self._latest, clock_ns)
+            if clock_ns - self._zero > LONGEST_LOG_NS:
+                self._problems[BEYOND] += 1
+            else:
+                arrived_ns = min(self._latest - self._zero, LONGEST_LOG_NS)
+                placed.append(Placed(item, clock_ns - self._zero, arrived_ns))
+        return placed
+
+
+class SharedClock(_Clock[Item]):
+    """The clock of one table of several that count from one zero.
+
+    A row within ``NEAR_NS`` of the latest is in order, or late. One that goes farther back is passed over. One farther
+    ahead waits for the next: unless that is ahead too, it was one row far off and is passed over.
+
+    Args:
+        problems: where rows that are passed over are counted.
+        begin_ns: time zero on the log's own clock.
+    """
+
+    def __init__(self, problems: Counter[str], *, begin_ns: int) -> None:
+        super().__init__(problems, begin_ns)
+
+    def put(self, item: Item, clock_ns: int) -> list[Placed[Item]]:
+        """Take a row; return what is known now to be in time, in order of arrival."""
+        assert self._latest is not None
+        if clock_ns < self._latest - NEAR_NS:
+            self._problems[JUMP] += 1
+            return []
+        if clock_ns <= self._latest + NEAR_NS:
+            self._pass_over()
+            return self._place((item, clock_ns))
+        if self._waiting and clock_ns < self._waiting[-1][1] - NEAR_NS:
+            self._pass_over()
+        self._waiting.append((item, clock_ns))
+        return self._go_on() if len(self._waiting) >= _AGREE_ON_A_GAP else []
+
+    def finish(self) -> list[Placed[Item]]:
+        """The table has ended: return what lies behind a last gap."""
+        return self._go_on()
+
+
+class LogClock(_Clock[Item]):
+    """The clock of one log, whose zero moves where a receiver's clock is set anew.
+
+    Args:
+        problems: where epochs that are passed over are counted.
+    """
+
+    def __init__(self, problems: Counter[str]) -> None:
+        super().__init__(problems, None)
         self._shift: int | None = None
         """From the receiver's clock to the time since 1970, ns; None without a date."""
 
@@ -97,7 +164,7 @@ class LogClock(Generic[Item]):
             self._latest = self._zero = clock_ns
         if abs(clock_ns - self._latest) <= NEAR_NS:
             self._pass_over()
-            return [self._place(item, clock_ns)]
+            return self._place((item, clock_ns))
         if self._waiting and not follows(clock_ns - self._waiting[-1][1]):
             self._pass_over()
         self._waiting.append((item, clock_ns))
@@ -121,17 +188,3 @@ class LogClock(Generic[Item]):
     def _is_gap(self) -> bool:
         assert self._latest is not None
         return NEAR_NS < self._waiting[0][1] - self._latest <= LONGEST_GAP_NS
-
-    def _go_on(self) -> list[Placed[Item]]:
-        waiting, self._waiting = self._waiting, []
-        return [self._place(item, clock_ns) for item, clock_ns in waiting]
-
-    def _pass_over(self) -> None:
-        if self._waiting:
-            self._problems[JUMP] += len(self._waiting)
-            self._waiting = []
-
-    def _place(self, item: Item, clock_ns: int) -> Placed[Item]:
-        assert self._latest is not None
-        self._latest = max(self._latest, clock_ns)
-        return Placed(item, clock_ns - self._zero, self._latest - self._zero)

@@ -12,28 +12,23 @@ import functools
 import math
 import operator
 
+from twin.formats.bad_lines import (
+    CHECKSUM,
+    MISSING,
+    NO_CHECKSUM,
+    NOT_A_NUMBER,
+    OUT_OF_RANGE,
+    BadLineError,
+    number,
+)
 from twin.signals import NS_PER_S
 
 KNOT_M_S = 1852.0 / 3600.0
 KMH_M_S = 1.0 / 3.6
 NAN = math.nan
 
-CHECKSUM = "checksum"
-NO_CHECKSUM = "no checksum"
-MISSING = "missing fields"
-NOT_A_NUMBER = "not a number"
-OUT_OF_RANGE = "out of range"
-
 MODES = {b"A": 1, b"D": 2, b"P": 3, b"R": 4, b"F": 5, b"E": 6, b"M": 7, b"S": 8, b"N": 0}
 """Quality as GGA has it, by the mode letter of RMC, VTG and GNS."""
-
-
-class BadSentenceError(Exception):
-    """A sentence that cannot be used; ``kind`` says why, in the words that problems are counted by."""
-
-    def __init__(self, kind: str) -> None:
-        super().__init__(kind)
-        self.kind = kind
 
 
 def checksum(body: bytes) -> int:
@@ -50,44 +45,34 @@ def fields_of(text: bytes) -> list[bytes]:
     """Fields of what follows a ``$``, if its checksum is right.
 
     Raises:
-        BadSentenceError: the checksum is missing or wrong.
+        BadLineError: the checksum is missing or wrong.
     """
     body, star, told = text.partition(b"*")
     told = told.rstrip()
     if not star or len(told) != 2:
-        raise BadSentenceError(NO_CHECKSUM)
+        raise BadLineError(NO_CHECKSUM)
     if b"%02X" % checksum(body) != told.upper():
-        raise BadSentenceError(CHECKSUM)
+        raise BadLineError(CHECKSUM)
     return body.split(b",")
 
 
-def number(field: bytes, low: float, high: float) -> float:
+def told(field: bytes, low: float, high: float) -> float:
     """A number within limits; NaN where the field is empty.
 
     Raises:
-        BadSentenceError: it is none, or beyond the limits.
+        BadLineError: it is none, or beyond the limits.
     """
-    if not field:
-        return NAN
-    try:
-        value = float(field)
-    except ValueError:
-        raise BadSentenceError(NOT_A_NUMBER) from None
-    if b"_" in field:  # which Python allows
-        raise BadSentenceError(NOT_A_NUMBER)
-    if not low <= value <= high:
-        raise BadSentenceError(OUT_OF_RANGE)
-    return value
+    return number(field, low, high) if field else NAN
 
 
 def needed(field: bytes, low: float, high: float) -> float:
     """A number within limits that has to be there.
 
     Raises:
-        BadSentenceError: it is missing, none, or beyond the limits.
+        BadLineError: it is missing, none, or beyond the limits.
     """
     if not field:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     return number(field, low, high)
 
 
@@ -96,16 +81,16 @@ def time_of_day_ns(field: bytes) -> int:
     """``hhmmss.ss`` as nanoseconds since midnight, all digits kept.
 
     Raises:
-        BadSentenceError: it is missing or no time.
+        BadLineError: it is missing or no time.
     """
     if not field:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     whole, _, fraction = field.partition(b".")
     if len(whole) != 6 or not whole.isdigit() or (fraction and not fraction.isdigit()):
-        raise BadSentenceError(NOT_A_NUMBER)
+        raise BadLineError(NOT_A_NUMBER)
     hours, minutes, seconds = int(whole[:2]), int(whole[2:4]), int(whole[4:])
     if hours > 23 or minutes > 59 or seconds > 60:
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     return (hours * 3600 + minutes * 60 + seconds) * NS_PER_S + int(fraction.ljust(9, b"0")[:9])
 
 
@@ -113,17 +98,17 @@ def degrees(field: bytes, side: bytes, sides: bytes, most: float) -> float:
     """``dddmm.mmm`` with its side (``N``, ``S``, ``E``, ``W``) as degrees; ``sides`` are the positive and negative one.
 
     Raises:
-        BadSentenceError: one of them is missing, or no such angle.
+        BadLineError: one of them is missing, or no such angle.
     """
     if not field or not side:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     point = field.find(b".")
     tens = (len(field) if point < 0 else point) - 2
     minutes = needed(field[tens:] if tens > 0 else field, 0.0, 60.0)
     whole = field[:tens] if tens > 0 else b"0"
     if not whole.isdigit() or len(whole) > 3 or minutes >= 60.0 or side not in sides or len(side) != 1:
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     angle = int(whole) + minutes / 60.0
     if angle > most:
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     return angle if side == sides[:1] else -angle

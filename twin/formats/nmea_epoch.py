@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from twin.formats.nmea import NAN, NOT_A_NUMBER, BadSentenceError, degrees, needed, number
+from twin.formats.bad_lines import NOT_A_NUMBER, BadLineError
+from twin.formats.nmea import NAN, degrees, needed, told
 
 BY_GLL, BY_RMC, BY_GNS, BY_GGA = 1, 2, 3, 4
 """Whose position counts: the higher, the better."""
@@ -19,7 +20,7 @@ class Epoch:
     __slots__ = (
         "age_s",
         "attitude",
-        "compass_deg",
+        "course_deg",
         "day",
         "geoid_m",
         "hdop",
@@ -50,7 +51,7 @@ class Epoch:
         self.speed_by = 0
         self.latitude_deg = self.longitude_deg = self.height_m = self.geoid_m = NAN
         self.quality = self.satellites = self.hdop = self.vdop = self.age_s = NAN
-        self.speed_m_s = self.compass_deg = NAN
+        self.speed_m_s = self.course_deg = NAN
         self.sigma_e_m = self.sigma_n_m = self.sigma_u_m = NAN
         self.attitude: tuple[float, float, float, float] | None = None
         """Roll, pitch, heading and yaw rate of an IMU, in the twin's convention (rad, rad/s)."""
@@ -67,18 +68,18 @@ def take_place(epoch: Epoch, by: int, latitude: float, longitude: float, quality
     return True
 
 
-def take_speed(epoch: Epoch, by: int, speed_m_s: float, compass_deg: float) -> None:
+def take_speed(epoch: Epoch, by: int, speed_m_s: float, course_deg: float) -> None:
     """Take a speed and a course, unless the epoch has better ones; unknown ones are none."""
     if by > epoch.speed_by and not math.isnan(speed_m_s):
         epoch.speed_by = by
-        epoch.speed_m_s, epoch.compass_deg = speed_m_s, compass_deg
+        epoch.speed_m_s, epoch.course_deg = speed_m_s, course_deg
 
 
 def angles_of(fields: Sequence[bytes], first: int) -> tuple[float, float]:
     """Latitude and longitude of four fields.
 
     Raises:
-        BadSentenceError: one is missing, or no such angle.
+        BadLineError: one is missing, or no such angle.
     """
     return (
         degrees(fields[first], fields[first + 1], b"NS", 90.0),
@@ -96,13 +97,13 @@ def fix_of(epoch: Epoch, fields: Sequence[bytes]) -> bool:
     """Fields 2 to 8 as GGA has them: position, quality, satellites, HDOP; whether the epoch wanted the position.
 
     Raises:
-        BadSentenceError: a field is missing, no number, or out of range.
+        BadLineError: a field is missing, no number, or out of range.
     """
     quality = needed(fields[6], 0, 9)
     if quality != int(quality):
-        raise BadSentenceError(NOT_A_NUMBER)
+        raise BadLineError(NOT_A_NUMBER)
     latitude, longitude = angles_of(fields, 2) if quality else (NAN, NAN)
-    satellites, hdop = number(fields[7], 0, 999), number(fields[8], 0.0, 9_999.0)
+    satellites, hdop = told(fields[7], 0, 999), told(fields[8], 0.0, 9_999.0)
     if not take_place(epoch, BY_GGA, latitude, longitude, quality):
         return False
     epoch.satellites = satellites

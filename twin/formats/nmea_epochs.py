@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from twin.formats.nmea import MISSING, BadSentenceError, fields_of, time_of_day_ns
+from twin.formats.bad_lines import MISSING, BadLineError
+from twin.formats.nmea import fields_of, time_of_day_ns
 from twin.formats.nmea_epoch import Epoch
 from twin.formats.nmea_sentences import TIMED, UNTIMED
 from twin.formats.panda import AGOPENGPS, read_panda
@@ -36,7 +37,7 @@ class EpochGroups:
         """Take what follows a ``$``; return the epoch before, if this begins another.
 
         Raises:
-            BadSentenceError: it cannot be used.
+            BadLineError: it cannot be used.
         """
         fields = fields_of(text)
         name = fields[0]
@@ -52,7 +53,7 @@ class EpochGroups:
     def _take_timed(self, kind: bytes, fields: Sequence[bytes], place: int) -> Epoch | None:
         self._begun = True
         if len(fields) <= place:
-            raise BadSentenceError(MISSING)
+            raise BadLineError(MISSING)
         time_ns = time_of_day_ns(fields[place])
         before = None
         if self._epoch is None or self._epoch.time_of_day_ns != time_ns:
@@ -67,7 +68,7 @@ class EpochGroups:
             else:
                 TIMED[kind][1](epoch, fields)
                 epoch.seen.add(kind)
-        except BadSentenceError as error:
+        except BadLineError as error:
             self._problems[error.kind] += 1  # the epoch before is still to be handed on
         if self._waiting:
             self._take_waiting(epoch)
@@ -78,7 +79,7 @@ class EpochGroups:
         for kind, fields in waiting.items():
             try:
                 UNTIMED[kind](epoch, fields)
-            except BadSentenceError as error:
+            except BadLineError as error:
                 self._problems[error.kind] += 1
             epoch.seen.add(kind)
 
@@ -113,7 +114,7 @@ def epochs(lines: Iterable[bytes], problems: Counter[str]) -> Iterator[Epoch]:
         for text in texts[1:]:
             try:
                 done = groups.take(text)
-            except BadSentenceError as error:
+            except BadLineError as error:
                 problems[error.kind] += 1
                 continue
             if done is not None and done.place_by:

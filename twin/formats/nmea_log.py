@@ -11,17 +11,10 @@ import numpy as np
 
 from twin.errors import BadInputError
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import (
-    HEAD_EPOCHS,
-    UNKNOWN_MOUNT,
-    Fix,
-    measurements,
-    origin_of,
-    rate_hz,
-    receiver_info,
-)
+from twin.formats.gnss_fixes import UNKNOWN_MOUNT, Fix, measurements
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock, Placed
+from twin.formats.log_head import HEAD_EPOCHS, LogHead, origin_of, rate_hz, receiver_info
 from twin.formats.nmea_epoch import Epoch
 from twin.formats.nmea_epochs import epochs
 from twin.signals import HEADING, YAW_RATE, Measurement, SensorInfo
@@ -37,6 +30,9 @@ AHRS_COLUMNS = (
 )
 """Those of :class:`twin.sensors.ahrs.Ahrs`; a board's sentences have no accelerations."""
 
+NOT_ANNOUNCED = "attitude not announced"
+"""Of a board whose IMU first speaks when the log's sensors have been told already."""
+
 Attitude = tuple[float, float, float, float]
 Spoken = tuple[Fix, Attitude | None]
 
@@ -44,8 +40,8 @@ Spoken = tuple[Fix, Attitude | None]
 class NmeaLog:
     """A log of sentences of any talkers, ``$PANDA`` and ``$PAOGI`` among them; see :class:`twin.formats.log.Log`.
 
-    Sensors are ``gnss`` and, where a board's IMU speaks, ``ahrs`` and ``yaw_gyro``. Dates come from RMC and ZDA. An
-    epoch arrives when it is measured: sentences do not say when they were sent.
+    Sensors are ``gnss`` and, where a board's IMU speaks in what is looked at of the log, ``ahrs`` and ``yaw_gyro``.
+    Dates come from RMC and ZDA. An epoch arrives when it is measured: sentences do not say when they were sent.
 
     Args:
         path: the file, which has to be there.
@@ -58,25 +54,29 @@ class NmeaLog:
     def __init__(self, path: Path, *, origin: Origin | None = None) -> None:
         self.path = path
         self.problems: Counter[str] = Counter()
-        head, clock = self._look()
-        self.origin = origin_of([fix for fix, _ in head]) if origin is None else origin
-        self.start_utc_ns = clock.start_utc_ns
-        self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in _infos(head)}
+        self.start_utc_ns: int | None = None
+        head, turned_ns = self._look()
+        self.origin = origin_of(head.fixes) if origin is None else origin
+        self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in _infos(head, turned_ns)}
 
-    def _look(self) -> tuple[list[Spoken], LogClock[Epoch]]:
-        """The head of the log from its first position on, and the clock it has set."""
+    def _look(self) -> tuple[LogHead, list[int]]:
+        """The head of the log, and when the IMU spoke at first; finds the log's date on the way."""
         unused: Counter[str] = Counter()
         clock: LogClock[Epoch] = LogClock(unused)
-        head: list[Spoken] = []
-        for item in _placed(epochs(lines_of(self.path, unused), unused), clock):
-            if head or item[0].placed:
-                head.append(item)
-            if len(head) >= HEAD_EPOCHS:
+        head, turned_ns = LogHead(), list[int]()
+        for fix, attitude in _placed(epochs(lines_of(self.path, unused), unused), clock):
+            head.take(fix)
+            if attitude is not None and len(turned_ns) < HEAD_EPOCHS:
+                turned_ns.append(fix.t_ns)
+            # Behind the head a clock that is set anew is another log's, which has been joined.
+            if not head.whole or self.start_utc_ns is None:
+                self.start_utc_ns = clock.start_utc_ns
+            if head.looked_far or (head.whole and head.best_there_is and len(turned_ns) == HEAD_EPOCHS):
                 break
-        if not head:
+        if not head.fixes:
             kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
             raise BadInputError(f"{self.path}: no sentence has a position with a time ({kinds or 'nothing at all'})")
-        return head, clock
+        return head, turned_ns
 
     def measurements(self) -> Iterator[Measurement]:
         """Measurements in order of arrival; once."""
@@ -85,8 +85,12 @@ class NmeaLog:
     def _items(self, clock: LogClock[Epoch]) -> Iterator[Fix | Measurement]:
         for fix, attitude in _placed(epochs(lines_of(self.path, self.problems), self.problems), clock):
             yield fix
-            if attitude is not None and AHRS in self.sensors:
+            if attitude is None:
+                continue
+            if AHRS in self.sensors:
                 yield from _imu(fix, attitude)
+            else:
+                self.problems[NOT_ANNOUNCED] += 1
 
 
 def _placed(found: Iterator[Epoch], clock: LogClock[Epoch]) -> Iterator[Spoken]:
@@ -106,7 +110,7 @@ def _fix(placed: Placed[Epoch]) -> Fix:
         epoch.longitude_deg,
         epoch.height_m,
         epoch.speed_m_s,
-        epoch.compass_deg,
+        epoch.course_deg,
         epoch.sigma_e_m,
         epoch.sigma_n_m,
         epoch.sigma_u_m,
@@ -133,9 +137,9 @@ def _imu(fix: Fix, attitude: Attitude) -> Iterator[Measurement]:
         )
 
 
-def _infos(head: list[Spoken]) -> Iterator[SensorInfo]:
-    yield receiver_info([fix for fix, _ in head])
-    rate = rate_hz([fix.t_ns for fix, attitude in head if attitude is not None])
-    if any(attitude is not None for _, attitude in head):
+def _infos(head: LogHead, turned_ns: list[int]) -> Iterator[SensorInfo]:
+    yield receiver_info([fix.t_ns for fix in head.fixes], head.best)
+    if turned_ns:
+        rate = rate_hz(turned_ns)
         for name, columns in ((AHRS, AHRS_COLUMNS), (YAW_GYRO, (YAW_RATE,))):
             yield SensorInfo(name=name, kind=name, columns=columns, mount=UNKNOWN_MOUNT, rate_hz=rate)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections.abc import Sequence
 from typing import Any
 
 from pynmeagps import NMEAMessageError, NMEAParseError, NMEAReader, NMEATypeError
 
-from twin.formats.nmea import MISSING, MODES, NAN, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
+from twin.formats.bad_lines import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadLineError
+from twin.formats.dates import day_of
+from twin.formats.nmea import MODES, NAN
 from twin.formats.nmea_epoch import BY_GLL, BY_GNS, HIGHEST_M, LOWEST_M, Epoch, take_height, take_place
-
-_FIRST_DAY = dt.date(1970, 1, 1).toordinal()
 
 
 def _parsed(fields: Sequence[bytes]) -> Any:
@@ -20,9 +19,9 @@ def _parsed(fields: Sequence[bytes]) -> Any:
     try:
         message = NMEAReader.parse(b"$" + b",".join(fields) + b"*00\r\n", validate=0)
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, TypeError, LookupError, OverflowError):
-        raise BadSentenceError(NOT_A_NUMBER) from None
+        raise BadLineError(NOT_A_NUMBER) from None
     if message is None:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     return message
 
 
@@ -31,16 +30,16 @@ def _told(message: Any, name: str, low: float, high: float) -> float:
     if value == "":  # pynmeagps's word for an empty field
         return NAN
     if not isinstance(value, int | float):
-        raise BadSentenceError(NOT_A_NUMBER)
+        raise BadLineError(NOT_A_NUMBER)
     if not low <= value <= high:
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     return float(value)
 
 
 def read_gns(epoch: Epoch, fields: Sequence[bytes]) -> None:
     """Position by several constellations, as GGA otherwise."""
     if len(fields) < 13:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     message = _parsed(fields)
     quality = best_mode(fields[6])
     latitude, longitude = _told(message, "lat", -90.0, 90.0), _told(message, "lon", -180.0, 180.0)
@@ -64,7 +63,7 @@ def best_mode(letters: bytes) -> int:
 def read_gll(epoch: Epoch, fields: Sequence[bytes]) -> None:
     """Position alone."""
     if len(fields) < 7:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     message = _parsed(fields)
     mode = fields[7] if len(fields) > 7 else b""
     quality = MODES.get(mode, 1) if fields[6] == b"A" else 0
@@ -75,12 +74,9 @@ def read_gll(epoch: Epoch, fields: Sequence[bytes]) -> None:
 def read_zda(epoch: Epoch, fields: Sequence[bytes]) -> None:
     """The date."""
     if len(fields) < 5:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     message = _parsed(fields)
     year, month, day = (_told(message, name, 0, 9_999) for name in ("year", "month", "day"))
     if math.isnan(year + month + day):
         return
-    try:
-        epoch.day = dt.date(int(year), int(month), int(day)).toordinal() - _FIRST_DAY
-    except ValueError:
-        raise BadSentenceError(OUT_OF_RANGE) from None
+    epoch.day = day_of(int(year), int(month), int(day))

@@ -7,21 +7,12 @@ pynmeagps (:mod:`twin.formats.nmea_parsed`). ``$PANDA`` and ``$PAOGI`` are AgOpe
 
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections.abc import Callable, Sequence
 
-from twin.formats.nmea import (
-    KMH_M_S,
-    KNOT_M_S,
-    MISSING,
-    MODES,
-    NAN,
-    NOT_A_NUMBER,
-    OUT_OF_RANGE,
-    BadSentenceError,
-    number,
-)
+from twin.formats.bad_lines import MISSING, NOT_A_NUMBER, BadLineError
+from twin.formats.dates import day_of
+from twin.formats.nmea import KMH_M_S, KNOT_M_S, MODES, NAN, told
 from twin.formats.nmea_epoch import (
     BY_RMC,
     HIGHEST_M,
@@ -35,7 +26,6 @@ from twin.formats.nmea_epoch import (
 )
 from twin.formats.nmea_parsed import read_gll, read_gns, read_zda
 
-_FIRST_DAY = dt.date(1970, 1, 1).toordinal()
 _FASTEST_KNOTS = 2_000.0
 _GSA, _VTG, _GST = 18, 9, 9
 """Fields they have at least."""
@@ -45,9 +35,9 @@ Reader = Callable[[Epoch, Sequence[bytes]], None]
 
 def _gga(epoch: Epoch, fields: Sequence[bytes]) -> None:
     if len(fields) < 15:
-        raise BadSentenceError(MISSING)
-    height, geoid = number(fields[9], LOWEST_M, HIGHEST_M), number(fields[11], -200.0, 200.0)
-    age = number(fields[13], 0.0, 1e6)
+        raise BadLineError(MISSING)
+    height, geoid = told(fields[9], LOWEST_M, HIGHEST_M), told(fields[11], -200.0, 200.0)
+    age = told(fields[13], 0.0, 1e6)
     if fix_of(epoch, fields) and epoch.quality:
         take_height(epoch, height, geoid)
         epoch.age_s = age
@@ -55,11 +45,11 @@ def _gga(epoch: Epoch, fields: Sequence[bytes]) -> None:
 
 def _rmc(epoch: Epoch, fields: Sequence[bytes]) -> None:
     if len(fields) < 10:
-        raise BadSentenceError(MISSING)
+        raise BadLineError(MISSING)
     mode = fields[12] if len(fields) > 12 else b""
     quality = MODES.get(mode, 1) if fields[2] == b"A" else 0
     latitude, longitude = angles_of(fields, 3) if quality else (NAN, NAN)
-    speed, compass = number(fields[7], 0.0, _FASTEST_KNOTS) * KNOT_M_S, number(fields[8], 0.0, 360.0)
+    speed, compass = told(fields[7], 0.0, _FASTEST_KNOTS) * KNOT_M_S, told(fields[8], 0.0, 360.0)
     day = _day(fields[9])
     if day is not None:
         epoch.day = day
@@ -73,37 +63,33 @@ def _day(field: bytes) -> int | None:
     if not field:
         return None
     if len(field) != 6 or not field.isdigit():
-        raise BadSentenceError(NOT_A_NUMBER)
+        raise BadLineError(NOT_A_NUMBER)
     year = int(field[4:])
-    try:
-        date = dt.date(year + (1900 if year >= 80 else 2000), int(field[2:4]), int(field[:2]))
-    except ValueError:
-        raise BadSentenceError(OUT_OF_RANGE) from None
-    return date.toordinal() - _FIRST_DAY
+    return day_of(year + (1900 if year >= 80 else 2000), int(field[2:4]), int(field[:2]))
 
 
 def _vtg(epoch: Epoch, fields: Sequence[bytes]) -> None:
     if len(fields) < _VTG:
-        raise BadSentenceError(MISSING)
-    compass = number(fields[1], 0.0, 360.0)
-    speed = number(fields[7], 0.0, _FASTEST_KNOTS * 1.852) * KMH_M_S
+        raise BadLineError(MISSING)
+    compass = told(fields[1], 0.0, 360.0)
+    speed = told(fields[7], 0.0, _FASTEST_KNOTS * 1.852) * KMH_M_S
     if math.isnan(speed):
-        speed = number(fields[5], 0.0, _FASTEST_KNOTS) * KNOT_M_S
+        speed = told(fields[5], 0.0, _FASTEST_KNOTS) * KNOT_M_S
     if len(fields) <= _VTG or fields[9] != b"N":
         take_speed(epoch, 1, speed, compass)
 
 
 def _gst(epoch: Epoch, fields: Sequence[bytes]) -> None:
     if len(fields) < _GST:
-        raise BadSentenceError(MISSING)
-    north, east, up = (number(field, 0.0, 1e7) for field in fields[6:9])
+        raise BadLineError(MISSING)
+    north, east, up = (told(field, 0.0, 1e7) for field in fields[6:9])
     epoch.sigma_n_m, epoch.sigma_e_m, epoch.sigma_u_m = north, east, up
 
 
 def _gsa(epoch: Epoch, fields: Sequence[bytes]) -> None:
     if len(fields) < _GSA:
-        raise BadSentenceError(MISSING)
-    hdop, vdop = number(fields[16], 0.0, 9_999.0), number(fields[17], 0.0, 9_999.0)
+        raise BadLineError(MISSING)
+    hdop, vdop = told(fields[16], 0.0, 9_999.0), told(fields[17], 0.0, 9_999.0)
     if fields[2] == b"1":  # no fix
         return
     if math.isnan(epoch.vdop):

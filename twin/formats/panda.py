@@ -20,8 +20,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from twin.formats.bad_lines import MISSING, NOT_A_NUMBER, BadLineError
 from twin.formats.geodetic import heading_rad
-from twin.formats.nmea import KNOT_M_S, MISSING, NOT_A_NUMBER, BadSentenceError, number
+from twin.formats.nmea import KNOT_M_S, told
 from twin.formats.nmea_epoch import Epoch, fix_of, take_height
 
 PANDA, PAOGI = b"PANDA", b"PAOGI"
@@ -35,12 +36,12 @@ def read_panda(epoch: Epoch, fields: Sequence[bytes]) -> None:
     """Read either sentence into an epoch; its height is above the sea, whose own nobody tells.
 
     Raises:
-        BadSentenceError: a field is missing, no number, or out of range.
+        BadLineError: a field is missing, no number, or out of range.
     """
     if len(fields) < _FIELDS:
-        raise BadSentenceError(MISSING)
-    height, age = number(fields[9], -10_000.0, 100_000.0), number(fields[10], 0.0, 1e6)
-    speed = number(fields[11], -2_000.0, 2_000.0) * KNOT_M_S
+        raise BadLineError(MISSING)
+    height, age = told(fields[9], -10_000.0, 100_000.0), told(fields[10], 0.0, 1e6)
+    speed = told(fields[11], -2_000.0, 2_000.0) * KNOT_M_S
     attitude = _tenths(fields) if fields[0] == PANDA else _plain(fields)
     if fix_of(epoch, fields) and epoch.quality:
         take_height(epoch, height, math.nan)
@@ -53,18 +54,18 @@ def read_panda(epoch: Epoch, fields: Sequence[bytes]) -> None:
 def _tenths(fields: Sequence[bytes]) -> tuple[float, float, float, float] | None:
     for field in fields[12:16]:
         if field and not field.removeprefix(b"-").isdigit():
-            raise BadSentenceError(NOT_A_NUMBER)
-    if not fields[12] or number(fields[12], 0.0, NO_IMU) == NO_IMU:
+            raise BadLineError(NOT_A_NUMBER)
+    if not fields[12] or told(fields[12], 0.0, NO_IMU) == NO_IMU:
         return None
-    heading = _TENTHS * number(fields[12], 0.0, 3_600.0)
-    return _attitude(heading, *(_TENTHS * number(field, -32_768.0, 32_767.0) for field in fields[13:16]))
+    heading = _TENTHS * told(fields[12], 0.0, 3_600.0)
+    return _attitude(heading, *(_TENTHS * told(field, -32_768.0, 32_767.0) for field in fields[13:16]))
 
 
 def _plain(fields: Sequence[bytes]) -> tuple[float, float, float, float] | None:
     if not fields[12]:
         return None
-    roll, pitch, yaw_rate = (number(field, -3_600.0, 3_600.0) for field in fields[13:16])
-    return _attitude(number(fields[12], 0.0, 360.0), roll, pitch, yaw_rate)
+    roll, pitch, yaw_rate = (told(field, -3_600.0, 3_600.0) for field in fields[13:16])
+    return _attitude(told(fields[12], 0.0, 360.0), roll, pitch, yaw_rate)
 
 
 def _attitude(heading: float, roll: float, pitch: float, yaw_rate: float) -> tuple[float, float, float, float]:

@@ -13,7 +13,6 @@ Source: RTKLIB manual, version 2.4.2, appendix B.1.
 
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,15 +21,16 @@ from pathlib import Path
 import pymap3d
 
 from twin.errors import BadInputError
+from twin.formats.bad_lines import MISSING, NO_HEADER, NOT_A_NUMBER, OUT_OF_RANGE, BadLineError, number, whole
+from twin.formats.dates import day_of, require_dated
 from twin.formats.geodetic import Origin
-from twin.formats.gnss_fixes import HEAD_EPOCHS, Fix, at, measurements, origin_of, receiver_info
+from twin.formats.gnss_fixes import Fix, at, measurements
 from twin.formats.gps_time import UNIX_OF_GPS_S, leap_seconds
 from twin.formats.lines import lines_of
 from twin.formats.log_clock import LogClock
-from twin.formats.nmea import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadSentenceError
+from twin.formats.log_head import LogHead, origin_of, receiver_info
 from twin.signals import NS_PER_S, Measurement, SensorInfo
 
-NO_HEADER = "no header"
 QUALITIES = {0: 0, 1: 4, 2: 5, 3: 2, 4: 2, 5: 1, 6: 3, 7: 6}
 _WEEK_S = 604_800
 _PLACES = {
@@ -60,18 +60,18 @@ class _Layout:
                 self.count, self.sort = count, sort
                 break
         else:
-            raise BadSentenceError(NO_HEADER)
+            raise BadLineError(NO_HEADER)
         rest = names[4:]
         self.index = {name: 2 + self.count + rest.index(name) for name in _REST if name in rest}
         if "q" not in self.index:
-            raise BadSentenceError(NO_HEADER)
+            raise BadLineError(NO_HEADER)
         self.least = self.index["q"] + 1
         self.place = _READERS[self.sort]
 
 
 def _checked(latitude: float, longitude: float, height: float) -> Place:
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and abs(height) <= 1e5):
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     return latitude, longitude, height
 
 
@@ -83,14 +83,14 @@ def _sexagesimal(numbers: Sequence[float]) -> Place:
     angles = []
     for degrees, minutes, seconds in (numbers[:3], numbers[3:6]):
         if not (0.0 <= minutes < 60.0 and 0.0 <= seconds <= 60.0):
-            raise BadSentenceError(OUT_OF_RANGE)
+            raise BadLineError(OUT_OF_RANGE)
         angles.append(math.copysign(abs(degrees) + minutes / 60.0 + seconds / 3600.0, degrees))
     return _checked(angles[0], angles[1], numbers[6])
 
 
 def _ecef(numbers: Sequence[float]) -> Place:
     if not 6.3e6 <= math.hypot(*numbers) <= 6.5e6:
-        raise BadSentenceError(OUT_OF_RANGE)
+        raise BadLineError(OUT_OF_RANGE)
     latitude, longitude, height = pymap3d.ecef2geodetic(*numbers)
     return _checked(float(latitude), float(longitude), float(height))
 
@@ -104,36 +104,21 @@ _READERS: dict[str, Callable[[Sequence[float]], Place]] = {
 
 def _time_ns(first: bytes, second: bytes, ahead_s: int | None) -> int:
     """UTC, ns since 1970, of the two words of time; ``ahead_s`` is by how much they are ahead of UTC, None for GPST."""
-    try:
-        if b"/" in first:
-            year, month, day = map(int, first.split(b"/"))
-            clock, _, fraction = second.partition(b".")
-            hours, minutes, seconds = map(int, clock.split(b":"))
-            when = dt.datetime(year, month, day, hours, minutes, tzinfo=dt.UTC)
-            if not 0 <= seconds <= 60:
-                raise BadSentenceError(OUT_OF_RANGE)
-            whole = int(when.timestamp()) + seconds
-        else:
-            seconds_text, _, fraction = second.partition(b".")
-            whole = UNIX_OF_GPS_S + int(first) * _WEEK_S + int(seconds_text)
-        part = int(fraction.ljust(9, b"0")[:9]) if fraction else 0
-    except (ValueError, OverflowError):
-        raise BadSentenceError(NOT_A_NUMBER) from None
-    if not 0 <= whole < 2**33 or part < 0:
-        raise BadSentenceError(OUT_OF_RANGE)
-    return (whole - (leap_seconds(whole) if ahead_s is None else ahead_s)) * NS_PER_S + part
-
-
-def _numbers(words: Sequence[bytes]) -> list[float]:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        raise BadSentenceError(NOT_A_NUMBER) from None
-    if any(b"_" in word for word in words):
-        raise BadSentenceError(NOT_A_NUMBER)
-    if not all(map(math.isfinite, numbers)):
-        raise BadSentenceError(OUT_OF_RANGE)
-    return numbers
+    if b"/" in first:
+        date, (clock, _, fraction) = first.split(b"/"), second.partition(b".")
+        parts = clock.split(b":")
+        if len(date) != 3 or len(parts) != 3:
+            raise BadLineError(NOT_A_NUMBER)
+        hours, minutes, seconds = map(whole, parts)
+        if hours > 23 or minutes > 59 or seconds > 60:
+            raise BadLineError(OUT_OF_RANGE)
+        told_s = 86_400 * day_of(*map(whole, date)) + 3_600 * hours + 60 * minutes + seconds
+    else:
+        seconds_text, _, fraction = second.partition(b".")
+        told_s = UNIX_OF_GPS_S + whole(first) * _WEEK_S + whole(seconds_text)
+    part = whole(fraction.ljust(9, b"0")[:9]) if fraction else 0
+    require_dated(told_s * NS_PER_S)
+    return (told_s - (leap_seconds(told_s) if ahead_s is None else ahead_s)) * NS_PER_S + part
 
 
 class _Row:
@@ -142,21 +127,21 @@ class _Row:
     def __init__(self, line: bytes, layout: _Layout) -> None:
         words = line.replace(b",", b" ").replace(b";", b" ").split()
         if len(words) < layout.least:
-            raise BadSentenceError(MISSING)
+            raise BadLineError(MISSING)
         self.utc_ns = _time_ns(words[0], words[1], layout.ahead_s)
-        self._numbers = [0.0, 0.0, *_numbers(words[2:])]
+        self._numbers = [0.0, 0.0, *map(number, words[2:])]
         self._index = layout.index
         place = layout.place(self._numbers[2 : 2 + layout.count])
         quality = QUALITIES.get(int(self._told("q", -1.0, 99.0)))
         if quality is None:
-            raise BadSentenceError(OUT_OF_RANGE)
+            raise BadLineError(OUT_OF_RANGE)
         north, east = self._told("vn(m/s)", -1e3, 1e3), self._told("ve(m/s)", -1e3, 1e3)
         self.fix = Fix(
             0,
             0,
             *(place if quality else (math.nan, math.nan, math.nan)),
             speed_m_s=math.hypot(north, east),
-            compass_deg=math.degrees(math.atan2(east, north)) % 360.0,
+            course_deg=math.degrees(math.atan2(east, north)) % 360.0,
             sigma_e_m=self._told("sde(m)", 0.0, 1e7),
             sigma_n_m=self._told("sdn(m)", 0.0, 1e7),
             sigma_u_m=self._told("sdu(m)", 0.0, 1e7),
@@ -172,7 +157,7 @@ class _Row:
             return math.nan
         value = self._numbers[index]
         if not low <= value <= high:
-            raise BadSentenceError(OUT_OF_RANGE)
+            raise BadLineError(OUT_OF_RANGE)
         return value
 
 
@@ -195,18 +180,19 @@ class RtklibLog:
         self.problems: Counter[str] = Counter()
         unused: Counter[str] = Counter()
         clock: LogClock[Fix] = LogClock(unused)
-        head: list[Fix] = []
+        self.start_utc_ns: int | None = None
+        head = LogHead()
         for fix in self._fixes(clock, unused):
-            if head or fix.placed:
-                head.append(fix)
-            if len(head) >= HEAD_EPOCHS:
+            head.take(fix)
+            if not head.whole:
+                self.start_utc_ns = clock.start_utc_ns
+            if head.looked_far or (head.whole and head.best_there_is):
                 break
-        if not head:
+        if not head.fixes:
             kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
             raise BadInputError(f"{path}: no epoch has a position ({kinds or 'nothing at all'})")
-        self.origin = origin_of(head) if origin is None else origin
-        self.start_utc_ns = clock.start_utc_ns
-        info = receiver_info(head)
+        self.origin = origin_of(head.fixes) if origin is None else origin
+        info = receiver_info([fix.t_ns for fix in head.fixes], head.best)
         self.sensors: Mapping[str, SensorInfo] = {info.name: info}
 
     def measurements(self) -> Iterator[Measurement]:
@@ -221,7 +207,7 @@ class RtklibLog:
                     layout = _layout(line) or layout
                     continue
                 row = _row(line, layout)
-            except BadSentenceError as error:
+            except BadLineError as error:
                 problems[error.kind] += 1
                 continue
             for placed in clock.put_absolute(row.fix, row.utc_ns):
@@ -232,7 +218,7 @@ class RtklibLog:
 
 def _row(line: bytes, layout: _Layout | None) -> _Row:
     if layout is None:
-        raise BadSentenceError(NO_HEADER)
+        raise BadLineError(NO_HEADER)
     return _Row(line, layout)
 
 

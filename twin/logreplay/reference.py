@@ -20,6 +20,8 @@ RTK_FIXED = 4
 _COLUMNS = (*POSITION, "sigma_e_m", "sigma_n_m", "quality")
 _READ_AT_ONCE = 512
 _MARGIN_NS = nanoseconds(10.0)
+_FARTHEST_NS = nanoseconds(365.25 * 86_400.0)
+"""Logs that begin a year apart are not about one drive, whatever their receivers took for the date."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,7 +44,8 @@ class ReferenceTrack:
     Clocks are matched by UTC.
 
     Raises:
-        BadInputError: the reference has no positions, or one of the two logs does not know its date.
+        BadInputError: the reference has no positions, one of the two logs does not know its date, or more than a year
+            lies between them.
     """
 
     def __init__(self, log: Log, *, origin: Origin, start_utc_ns: int | None, longest_gap_s: float) -> None:
@@ -60,6 +63,11 @@ class ReferenceTrack:
             raise BadInputError(f"{log.path}: --reference: {self._receiver.name} has no positions")
         self._log, self._origin = log, origin
         self._shift_ns = log.start_utc_ns - start_utc_ns
+        if abs(self._shift_ns) > _FARTHEST_NS:
+            years = abs(self._shift_ns) / _FARTHEST_NS
+            raise BadInputError(
+                f"{log.path}: --reference: begins {years:.1f} years away from the replayed log: not the same drive"
+            )
         self._gap_ns = nanoseconds(longest_gap_s)
         self._source: Iterator[Measurement] | None = log.measurements()
         self._t_ns: IntArray = np.empty(0, dtype=np.int64)

@@ -25,7 +25,7 @@ from twin.logreplay.choice import Choice
 from twin.logreplay.figures import Figures
 from twin.logreplay.reference import ReferenceTrack
 from twin.logreplay.settings import ReplaySettings, Vehicle
-from twin.logreplay.start import Pose, look_ahead
+from twin.logreplay.start import Pose, look_ahead, reference_pose
 from twin.logreplay.streams import ParquetFiles, Sketch, parquet_files
 from twin.recording import Recording, Stream, StreamWriter, estimate_stream, measurement_stream
 from twin.scoring.consistency import nis_columns
@@ -64,6 +64,7 @@ class LogReplay:
     heard: dict[str, tuple[str, ...]]
     """Sensors that each estimator hears."""
     start: Pose
+    """Of the reference frame, whose pose is estimated."""
     metrics: dict[str, float]
     counts: dict[str, int]
     """Measurements by sensor."""
@@ -161,7 +162,9 @@ class _Replayer:
         clock = self.receiver or min(infos, key=lambda info: info.rate_hz)
         self._clock = clock.name
         self._period_ns = round(NS_PER_S / clock.rate_hz)
-        self.start, self._measurements = look_ahead(log.measurements(), self.receiver)
+        ahead, left, _ = settings.vehicle.antenna_xyz_m
+        antenna, self._measurements = look_ahead(log.measurements(), self.receiver)
+        self.start = reference_pose(antenna, (ahead, left))
         setup = log_setup(log, self.receiver, self.start, settings.vehicle)
         built = {choice.name: choice.build(setup) for choice in choices}
         self.heard = {name: sensors for name, (_, sensors) in built.items()}
@@ -177,7 +180,6 @@ class _Replayer:
                 start_utc_ns=log.start_utc_ns,
                 longest_gap_s=settings.reference.longest_gap_s,
             )
-        ahead, left, _ = settings.vehicle.antenna_xyz_m
         self._columns = {name: stream_columns(estimator) for name, estimator in self._estimators.items()}
         self.figures = Figures(
             self._columns,

@@ -22,7 +22,7 @@ Pose = tuple[float, float, float]
 
 
 def look_ahead(measurements: Iterator[Measurement], receiver: SensorInfo | None) -> tuple[Pose, Iterator[Measurement]]:
-    """East, north and heading to start from, and all measurements again.
+    """East and north of the antenna and heading to start from, and all measurements again.
 
     As an owner sets a machine out before a run: where it stands, and whereto it looks. Zero where nothing is told.
     """
@@ -44,6 +44,14 @@ def look_ahead(measurements: Iterator[Measurement], receiver: SensorInfo | None)
         heading = _course(told, place, here)
     east, north = place or (0.0, 0.0)
     return (east, north, 0.0 if math.isnan(heading) else heading), chain(seen, measurements)
+
+
+def reference_pose(antenna: Pose, antenna_m: tuple[float, float]) -> Pose:
+    """Pose of the reference frame from that of an antenna which sits so far ahead and to the left of it, m."""
+    east, north, heading = antenna
+    ahead, left = antenna_m
+    cosine, sine = math.cos(heading), math.sin(heading)
+    return east - cosine * ahead + sine * left, north - sine * ahead - cosine * left, heading
 
 
 def _course(told: dict[str, float], start: tuple[float, float], here: tuple[float, float]) -> float:

@@ -125,12 +125,19 @@ class ScoringConfig(Config):
     """Row units that count where no row is named; all if not given."""
     turning_rad_s: Annotated[float, Field(gt=0.0)] = 0.05
     """True yaw rate beyond which the machine is said to be turning."""
+    transition_s: Positive | None = None
+    """Phase ``transitions``: so many seconds or less before or after a place where the path begins or ceases to bend;
+    the rest of turns and straights are the phases ``steady_turns`` and ``steady_straights``. Without it there are none
+    of the three."""
     loss: LossConfig | None = None
     """Phases ``loss`` and ``after``; by default all of the faults' time windows."""
     causal_bound_of: str | None = None
     """Name of an estimator: also give the least row-speed error any causal filter with its sensors could have."""
     height_bound_of: str | None = None
     """Name of an estimator: also give the least error of the height any causal filter with its sensors could have."""
+    pass_to_pass_bound_of: str | None = None
+    """Name of an estimator: also give the least pass-to-pass error any causal filter with its receiver, wheels and gyro
+    could have."""
     limits: Annotated[dict[str, Positive], Field(json_schema_extra={"propertyNames": {"enum": list(LIMITED)}})] = Field(
         default_factory=dict
     )
@@ -296,9 +303,8 @@ class Scenario(Config):
     @model_validator(mode="after")
     def _scored_and_drawn_exist(self) -> Self:
         named = {f"recording.drawn.{index}": name for index, name in enumerate(self.recording.drawn)}
-        named |= {
-            f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", "causal_bound_of", "height_bound_of")
-        }
+        bounds = ("causal_bound_of", "height_bound_of", "pass_to_pass_bound_of")
+        named |= {f"scoring.{key}": getattr(self.scoring, key) for key in ("reference", *bounds)}
         for key, name in named.items():
             if name is not None and name not in self.estimators:
                 raise ValueError(f"{key}: {unknown(name, self.estimators, 'estimator')}")
@@ -369,7 +375,12 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _path_is_known(self) -> Self:
-        for key, wanted in (("coverage", self.coverage is not None), ("scoring.places", bool(self.scoring.places))):
+        wants_path = {
+            "coverage": self.coverage is not None,
+            "scoring.places": bool(self.scoring.places),
+            "scoring.transition_s": self.scoring.transition_s is not None,
+        }
+        for key, wanted in wants_path.items():
             if wanted and not isinstance(self.driver, PathDriverConfig):
                 raise ValueError(f"{key}: only a driver of kind 'path' has segments; this one is {self.driver.kind!r}")
         known = {leg.name: None for leg in self.planned_legs}

@@ -1,10 +1,10 @@
 """Cross-track errors: how far to the left of the driven track an estimate puts the machine.
 
 The error is the signed distance of the estimated position from the line that joins the true poses
-(:class:`twin.scoring.driven_track.DrivenTrack`), not from the nearest of them, which would be too far (DOMAIN A1: 8 %
-at 1.25 m/s). Its figures are those of the family ``cross_track``. The sigma that is claimed for it is that of the
-claimed position across the track's course: sigma^2 = n' P n with the left normal n, P being the covariance of east and
-north where the estimator gives one, and else diagonal, of its two sigmas.
+(:class:`twin.scoring.driven_track.DrivenTrack`), not from the nearest of them, which would be too far (8.2 % on average
+at 1.25 m/s: Easterly et al., Trans. ASABE 59(6):1609). Its figures are those of the family ``cross_track``. The sigma
+that is claimed for it is that of the claimed position across the track's course: sigma^2 = n' P n with the left normal
+n, P being the covariance of east and north where the estimator gives one, and else diagonal, of its two sigmas.
 
 An error is known once the track is known to the end of its time window, so a piece is held back until the truth has
 come so far.

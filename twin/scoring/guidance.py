@@ -5,10 +5,11 @@ Of an estimator of a position: cross-track errors (:mod:`twin.scoring.cross_trac
 deviation at the places that a scenario names (:mod:`twin.scoring.places`).
 
 Of the machine, in a scenario that judges guidance and has a path driver: ``truth.cross_track.*`` is the offset of its
-reference point from the planned line or arc of the segment that its driver is at, positive to the left, while it is
+rear axle from the planned line or arc of the segment that its driver is at, positive to the left, while it is
 beside it (between its ends); standing and spinning do not count. *Straights* and *turns* are segments here, not yaw
 rates: the end of a turn that is driven on the next straight is an error on that straight. ``truth.pass_to_pass.*`` is
-made of the same offsets, and ``truth.coverage.*`` of what the implement covered (:mod:`twin.scoring.coverage`).
+made of the reference point's offsets from the planned lines, and ``truth.coverage.*`` of what the implement covered
+(:mod:`twin.scoring.coverage`).
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ SEGMENT = "segment"
 HEADLINES = ("pass_to_pass.rms_m", "pass_to_pass.p95_m", "coverage.overlap_percent", "coverage.skip_percent")
 """What tables show of an estimator, or of the machine, beside the figures of its families."""
 _PLANE = POSITION[:2]
+_AXLE = ("vehicle_e_m", "vehicle_n_m")
 _FAMILY = family_named("cross_track")
 
 
@@ -129,11 +131,12 @@ def machine_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
 
 
 def off_the_path(truth: Stream, legs: Sequence[PlannedLeg]) -> FloatArray:
-    """Offset of the reference point to the left of the segment the driver is at, (T,), m; NaN where it is beside none.
+    """Offset of the rear axle to the left of the segment the driver is at, (T,), m; NaN where it is beside none.
 
-    Exact on straights and arcs.
+    The plan is the rear axle's; of a truth that does not tell it, the reference point's. Exact on straights and arcs.
     """
-    points, segments = truth.select(_PLANE)[:, 0], truth.column(SEGMENT)[:, 0]
+    axle = all(truth.has(name) for name in _AXLE)
+    points, segments = truth.select(_AXLE if axle else _PLANE)[:, 0], truth.column(SEGMENT)[:, 0]
     offset = np.full(len(truth), math.nan)
     for leg in legs:
         here = np.flatnonzero(segments == leg.index)

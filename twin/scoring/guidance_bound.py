@@ -18,6 +18,7 @@ makes. Rounding of the output is left out.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,9 @@ from twin.signals import FloatArray
 _X, _Y, _PSI, _B, _G, _K, _C, _J = 0, 1, 2, 3, 4, 5, 6, 8
 _SIZE = 10
 _UNKNOWN_M = 1e3
+
+Motion = Callable[[float], tuple[float, float, float]]
+"""Speed, heading against the first pass, and rate of turn at a time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,29 +156,48 @@ def guidance_bound(errors: GuidanceErrors, plan: PassPlan, *, stations: int = 16
 
 def _differences(errors: GuidanceErrors, plan: PassPlan, early: FloatArray, late: FloatArray) -> FloatArray:
     """Standard deviation (n,) of what is not known of y(late) - y(early), after all fixes until ``late``."""
-    model = _Model(errors, plan)
+    sigma: FloatArray = between_passes(errors, plan.motion, np.stack([early, late]))[0, 1]
+    return sigma
+
+
+def between_passes(errors: GuidanceErrors, motion: Motion, times_s: FloatArray) -> FloatArray:
+    """Standard deviation of what is not known of the way across the first line from one pass to another.
+
+    Args:
+        errors: true errors of the sensors.
+        motion: what the machine does at a time: speed, heading against the first pass, rate of turn.
+        times_s: (passes, stations) when each pass is at each station, later passes last.
+
+    Returns:
+        (passes, passes, stations): of pass j against pass i < j, after all fixes until j is there; NaN elsewhere.
+    """
+    passes, stations = times_s.shape
+    model = _Model(errors, motion)
     step_s = 1.0 / errors.rate_hz
-    keep = {round(t / step_s): place for place, t in enumerate(early)}
-    ask = {round(t / step_s): place for place, t in enumerate(late)}
+    due: dict[int, list[tuple[int, int]]] = {}
+    for number in range(passes):
+        for place in range(stations):
+            due.setdefault(max(1, round(times_s[number, place] / step_s)), []).append((number, place))
     P = model.start()
-    kept: dict[int, int] = {}
-    sigma = np.empty(len(early))
-    for step in range(1, max(ask) + 1):
+    kept: dict[tuple[int, int], int] = {}
+    sigma = np.full((passes, passes, stations), math.nan)
+    for step in range(1, max(due) + 1):
         P = model.step(P, step * step_s)
-        if step in keep:
-            kept[keep[step]] = len(P)
+        for number, place in due.get(step, ()):
+            for earlier in range(number):
+                clone = kept[earlier, place]
+                variance = P[_Y, _Y] + P[clone, clone] - 2.0 * P[_Y, clone]
+                sigma[earlier, number, place] = math.sqrt(max(variance, 0.0))
+            kept[number, place] = len(P)
             P = np.block([[P, P[:, _Y : _Y + 1]], [P[_Y : _Y + 1], P[_Y : _Y + 1, _Y : _Y + 1]]])
-        if step in ask:
-            clone = kept[ask[step]]
-            sigma[ask[step]] = math.sqrt(P[_Y, _Y] + P[clone, clone] - 2.0 * P[_Y, clone])
     return sigma
 
 
 class _Model:
     """The recursion over one period of the receiver; states after ``_SIZE`` are places that are kept."""
 
-    def __init__(self, errors: GuidanceErrors, plan: PassPlan) -> None:
-        self._errors, self._plan = errors, plan
+    def __init__(self, errors: GuidanceErrors, motion: Motion) -> None:
+        self._errors, self._motion = errors, motion
         self._step_s = 1.0 / errors.rate_hz
 
     def start(self) -> FloatArray:
@@ -189,7 +212,7 @@ class _Model:
     def step(self, P: FloatArray, t_s: float) -> FloatArray:
         """Covariance a period later, after the fix at ``t_s``."""
         errors, T = self._errors, self._step_s
-        speed, heading, rate = self._plan.motion(t_s - 0.5 * T)
+        speed, heading, rate = self._motion(t_s - 0.5 * T)
         size = len(P)
         F, Q = np.eye(size), np.zeros((size, size))
         along, aside = (math.cos(heading), math.sin(heading)), (-math.sin(heading), math.cos(heading))
@@ -212,7 +235,7 @@ class _Model:
         P = F @ P @ F.T + Q
         if speed == 0.0 and errors.gyro_rad_rts is not None and errors.gyro_bias_rad_s > 0.0:
             P = _update(P, {_B: 1.0}, errors.gyro_rad_rts / math.sqrt(T))
-        return self._see(P, *self._plan.motion(t_s))
+        return self._see(P, *self._motion(t_s))
 
     def _see(self, P: FloatArray, speed: float, heading: float, rate: float) -> FloatArray:
         errors = self._errors

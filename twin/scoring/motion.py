@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.recording import Stream
 from twin.scenario import Scenario
-from twin.scoring import guidance, height_bound, lane, levelling
+from twin.scoring import guidance, height_bound, lane, levelling, pass_bound
 from twin.scoring.causal_bound import causal_bound_m_s
 from twin.scoring.measures import row_numbers
 from twin.scoring.phases import phases
@@ -23,7 +23,7 @@ def motion_names(scenario: Scenario, columns: Sequence[str]) -> list[str]:
     bounds = [f"bound.{name}" for name in _bound_names(scenario, columns)]
     machine = [f"truth.{name}" for name in _motion_names(columns)]
     kept = [*lane.names(columns), *levelling.names(columns), *guidance.machine_names(scenario, columns)]
-    return [*machine, *kept, *bounds, *height_bound.names(scenario)]
+    return [*machine, *kept, *bounds, *height_bound.names(scenario), *pass_bound.names(scenario)]
 
 
 def _motion_names(columns: Sequence[str]) -> list[str]:
@@ -43,7 +43,7 @@ def motion_metrics(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:
     kept = lane.metrics(truth, scenario) | levelling.metrics(truth, scenario)
     kept |= guidance.machine_metrics(truth, scenario)
     bounds = (_bounds(truth, scenario) if truth.has(YAW_RATE) else {}) | height_bound.metrics(scenario)
-    return turned | kept | bounds
+    return turned | kept | bounds | pass_bound.metrics(scenario)
 
 
 def _turned(truth: Stream, scenario: Scenario) -> dict[str, FloatArray]:

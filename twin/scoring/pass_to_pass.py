@@ -4,9 +4,9 @@ The passes are the parallel straights of a path driver (:func:`twin.control.plan
 along one A-B line, that of the first; e is an error across it, in its fixed left normal whichever way a pass is driven,
 so that what is wrong alike in both directions (a bias of the receiver) cancels. At every whole metre along the line,
 e_i and e_j of all pairs of passes that came there within 15 minutes of one another, 0 < |t_i - t_j| <= 900 s, give |e_i
-- e_j| (DOMAIN A1, after ISO 12188): of these the median, the root mean square and the 95th percentile are told. The
-error of an estimate is that of its position, taken where the machine truly was; that of the machine is its offset from
-its planned line.
+- e_j| (the window after ISO 12188, as EGNOS user support quotes it): of these the median, the root mean square and the
+95th percentile are told. The error of an estimate is that of its position, taken where the machine truly was; that of
+the machine is its offset from its planned line.
 
 The same e, of all passes together, tells how a track lies beside the lines: its mean (a constant offset, which a
 cross-track error counts to the left one way and to the right the other), its standard deviation and largest deviation
@@ -25,7 +25,7 @@ from twin.scenario import Scenario
 from twin.signals import NS_PER_S, FloatArray, IntArray
 
 _BETWEEN = ("pass_to_pass.median_m", "pass_to_pass.rms_m", "pass_to_pass.p95_m")
-_BESIDE = ("line.mean_error_m", "line.sd_error_m", "line.max_abs_deviation_m", "line.span_m")
+_BESIDE = ("line.mean_error_m", "line.abs_mean_error_m", "line.sd_error_m", "line.max_abs_deviation_m", "line.span_m")
 NAMES = (*_BETWEEN, *_BESIDE)
 LONGEST_NS = 900 * NS_PER_S
 _STEP_M = 1.0
@@ -130,7 +130,7 @@ class PassToPass:
         beside = (unknown,) * len(_BESIDE)
         if len(here):
             mean = here.mean(axis=0)
-            beside = mean, here.std(axis=0), np.abs(here - mean).max(axis=0), np.ptp(here, axis=0)
+            beside = mean, np.abs(mean), here.std(axis=0), np.abs(here - mean).max(axis=0), np.ptp(here, axis=0)
         return dict(zip(NAMES, (*between, *beside), strict=True))
 
     def _differences(self) -> FloatArray:

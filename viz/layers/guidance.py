@@ -17,8 +17,8 @@ from viz.thinning import thin
 
 _PANEL = "cross_track"
 _PLANE = POSITION[:2]
-_WITHIN = (-3.0, 3.0)
-"""To which the plot reaches at most at first; what an estimator that is lost says is cut."""
+_WITHIN = (-8.0, 8.0)
+"""To which the plot reaches at most at first: as far as receivers err. What an estimator that is lost says is cut."""
 _LIMIT_M = 0.1
 _LIMIT_SERIES = "limit"
 

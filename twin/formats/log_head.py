@@ -1,0 +1,131 @@
+"""What the beginning of a log tells of it: where its local frame lies, its receiver's rate and quality."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.formats.geodetic import Origin
+from twin.formats.gnss_fixes import COLUMNS, GNSS, UNKNOWN_MOUNT, Fix
+from twin.signals import NS_PER_S, SensorInfo
+
+HEAD_EPOCHS = 50
+"""So many epochs from a log's first position on tell its rate and origin."""
+LOOKED_AT = 3_000
+"""So many epochs from there on, at most, are looked at for the best quality and for sensors that speak late: five
+minutes at 10 Hz, half a second's work."""
+_HEIGHTS, _GEOID = (-1_000.0, 9_000.0), (-110.0, 90.0)
+"""What :class:`Origin` allows."""
+
+
+class LogHead:
+    """The beginning of a log, taken in epoch by epoch; of its epochs the first ``HEAD_EPOCHS`` are kept."""
+
+    def __init__(self) -> None:
+        self.fixes: list[Fix] = []
+        """From the first position on."""
+        self._qualities: set[float] = set()
+        self._seen = 0
+
+    def take(self, fix: Fix) -> None:
+        """Take the next epoch."""
+        self._qualities.add(fix.quality)
+        if not (self.fixes or fix.placed):
+            return
+        self._seen += 1
+        if len(self.fixes) < HEAD_EPOCHS:
+            self.fixes.append(fix)
+
+    @property
+    def whole(self) -> bool:
+        """Whether rate and origin are known."""
+        return len(self.fixes) >= HEAD_EPOCHS
+
+    @property
+    def best(self) -> int:
+        """The best quality until now, of those a neutral data sheet knows; a single-point one if there was none."""
+        return next((quality for quality in _REPORTED_M if quality in self._qualities), 1)
+
+    @property
+    def best_there_is(self) -> bool:
+        """Whether no better quality can come."""
+        return self.best == next(iter(_REPORTED_M))
+
+    @property
+    def looked_far(self) -> bool:
+        """Whether one has looked as far as one looks."""
+        return self._seen >= LOOKED_AT
+
+
+def origin_of(head: Sequence[Fix]) -> Origin:
+    """The local frame that begins at the first position of a log's head, at the first height in it.
+
+    One of the fixes has to be ``placed``.
+    """
+    first = next(fix for fix in head if fix.placed)
+    return Origin(
+        latitude_deg=first.latitude_deg,
+        longitude_deg=first.longitude_deg,
+        height_m=_first([fix.height_m for fix in head], _HEIGHTS),
+        geoid_height_m=_first([fix.geoid_m for fix in head], _GEOID),
+    )
+
+
+def _first(values: Sequence[float], limits: tuple[float, float]) -> float:
+    known = next((value for value in values if not math.isnan(value)), 0.0)
+    return min(max(known, limits[0]), limits[1])
+
+
+_REPORTED_M = {4: (0.01, 0.02), 5: (0.2, 0.4), 2: (0.5, 0.95), 1: (1.5, 2.9)}
+"""Horizontal and vertical noise of a neutral receiver by the best quality it has: an F9P's own word for RTK fixed, the
+measured error of its float solution (whose own word is a hundredth of it), a choice for differential, and a NEO-M8U's
+own word for single point."""
+_HORIZONTAL = {
+    4: ("", 0.0046, 245.0),
+    5: ("float_", 0.16, 100.0),
+    2: ("differential_", 0.4, 100.0),
+    1: ("single_", 0.8, 160.0),
+}
+"""Name, what wanders (m), how long it lasts (s): an F9P standing 2490 s, its float solution, a choice as in the
+receivers' presets, a NEO-M8U on a standing tractor. What is new in every fix nobody can tell of a receiver that nobody
+knows; it shows in the log, and is for estimators to find."""
+_VELOCITY = {"speed_noise_m_s": 0.05, "speed_noise_ratio": 0.03, "velocity_lag_s": 0.0, "latency_s": 0.0}
+"""A choice: Doppler speed of any receiver, digits included, and direction within 1.6 degrees."""
+
+
+def neutral_sheet(best: int) -> dict[str, float]:
+    """Data sheet of a receiver nobody knows, by the best quality it has, with the names of simulated receivers'."""
+    horizontal, vertical = _REPORTED_M[best]
+    sheet = {"position_noise_m": horizontal, "height_noise_m": vertical, **_VELOCITY}
+    for quality, (name, correlated, correlation) in _HORIZONTAL.items():
+        for prefix in {name, ""} if quality == best else {name} - {""}:
+            sheet |= {
+                f"{prefix}position_correlated_sigma_m": correlated,
+                f"{prefix}position_correlation_s": correlation,
+            }
+    return sheet
+
+
+def receiver_info(times_ns: Sequence[int], best: int) -> SensorInfo:
+    """What can be told of a receiver from the beginning of its log: its rate, and a neutral data sheet.
+
+    Which of the neutral receivers is taken goes by the best quality in it. Nobody knows its latency and its antenna's
+    place: both are zero.
+    """
+    return SensorInfo(
+        name=GNSS,
+        kind=GNSS,
+        columns=COLUMNS,
+        mount=UNKNOWN_MOUNT,
+        rate_hz=rate_hz(times_ns),
+        datasheet=neutral_sheet(best),
+    )
+
+
+def rate_hz(times_ns: Sequence[int]) -> float:
+    """Rate of a sensor by the median of the steps that go ahead; one a second where there are none."""
+    steps = np.diff(np.array(times_ns, dtype=np.int64))
+    ahead = steps[steps > 0]
+    return NS_PER_S / float(np.median(ahead)) if len(ahead) else 1.0
