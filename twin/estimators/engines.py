@@ -23,6 +23,8 @@ from twin.errors import BadInputError
 from twin.estimators.engine_kernels import correct_in_turn, innovation_covariance, normalised_square, propagate
 from twin.signals import BoolArray, FloatArray
 
+_MEMBERS_LAST = {1: (0,), 2: (1, 0), 3: (1, 2, 0)}
+
 EngineName = Literal["filterpy", "ensemble"]
 EngineOption = Literal["auto", "filterpy", "ensemble"]
 
@@ -211,4 +213,4 @@ def _of_members(array: FloatArray, ndim: int, runs: int) -> FloatArray:
 
 def _members_last(array: FloatArray) -> FloatArray:
     """The array with its first axis last, contiguous; the same memory if it lies so already."""
-    return np.ascontiguousarray(array.transpose((*range(1, array.ndim), 0)), dtype=np.float64)
+    return np.ascontiguousarray(array.transpose(_MEMBERS_LAST[array.ndim]), dtype=np.float64)

@@ -117,11 +117,12 @@ class CourseRateSwitch:
 
     def before(self, fix: Fix, track: KinematicTrack) -> BoolArray:
         """Take the fix's course and speed."""
-        own = np.hypot(track.x[:, 3], track.x[:, 4])
         course, speed = fix.of("course_rad"), fix.of(SPEED_COLUMN)
         told = np.isfinite(course) & np.isfinite(speed)
-        course = np.where(told, course, np.arctan2(track.x[:, 4], track.x[:, 3]))
-        speed = np.where(told, speed, own)
+        if not told.all():
+            east, north = track.x[:, 3], track.x[:, 4]
+            course = np.where(told, course, np.arctan2(north, east))
+            speed = np.where(told, speed, np.hypot(east, north))
         dt_s = np.where(fix.new & (self._t_ns != NEVER), fix.t_ns - self._t_ns, 0) / NS_PER_S
         usable = fix.new & (speed >= self._slow_m_s) & (dt_s > 0.0)
         way = np.where(usable, speed * dt_s, 1.0)

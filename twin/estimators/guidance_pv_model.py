@@ -111,10 +111,14 @@ class Rows:
         for row, state in enumerate(seen):
             if state is not None:
                 self._H[row, state] = 1.0
+        first = seen[0]
+        neighbours = first is not None and list(seen) == list(range(first, first + len(seen)))
+        self._states = slice(first, first + len(seen)) if neighbours and first is not None else None
+        """The states seen, if they are neighbours."""
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected measurement, shape (R, m)."""
-        expected: FloatArray = x @ self._H.T
+        expected: FloatArray = x @ self._H.T if self._states is None else x[:, self._states]
         return expected
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: ARG002, N802
