@@ -74,11 +74,13 @@ class Drive:
     planned: Path
 
 
-def drive(seed: int, *, bends: int = 4, stand_s: float = 20.0, wander_m_s2: float = 0.1) -> Drive:
+def drive(
+    seed: int, *, bends: int = 4, stand_s: float = 20.0, wander_m_s2: float = 0.1, wander_s: float = 1.0
+) -> Drive:
     """A vehicle that stands, and then drives at 20 to 40 km/h, bends of 25 to 60 m radius between straights.
 
     It is no faster than 2.5 m/s^2 across allow in its tightest bend. The driver's hand adds lateral accelerations of
-    ``wander_m_s2``, forgotten within a second.
+    ``wander_m_s2``, forgotten within ``wander_s``.
     """
     rng = np.random.default_rng(seed)
     radii = rng.uniform(25.0, 60.0, bends)
@@ -106,7 +108,7 @@ def drive(seed: int, *, bends: int = 4, stand_s: float = 20.0, wander_m_s2: floa
     gains = np.arange(1, round(speed / 1.0 / dt) + 1) * dt
     speeds = np.concatenate([np.zeros(start), gains, np.full(len(bent), speed)])
     bent = np.concatenate([np.zeros(start + len(gains)), bent])
-    hand = gauss_markov(wander_m_s2, 1.0, dt, count=len(bent), runs=1, rng=rng)[:, 0] / speed**2
+    hand = gauss_markov(wander_m_s2, wander_s, dt, count=len(bent), runs=1, rng=rng)[:, 0] / speed**2
     turned = np.cumsum((bent + hand) * speeds * dt)
     middle = turned - 0.5 * (bent + hand) * speeds * dt
     ways = np.stack([np.cos(middle), np.sin(middle)], axis=-1) * (speeds * dt)[:, np.newaxis]
@@ -137,15 +139,17 @@ def _named(name: str, lasts_s: float) -> np.ndarray:
 class Bench:
     """Several drives with a receiver each, side by side on the ensemble axis.
 
-    The receiver errs by a common part that wanders (``common_m``, 150 s) and by a part that is new in every fix. Errors
-    are counted from the track that the common part shifts: that is the track the receiver can know of.
+    The receiver errs by a common part that wanders (``common_m``, ``common_s``) and by a part that is new in every fix.
+    Errors are counted from the track that the common part shifts: that is the track the receiver can know of.
     """
 
     seeds: Iterable[int]
     rate_hz: float = 5.0
     white_m: float = 0.3
     common_m: float = 1.0
+    common_s: float = 150.0
     wander_m_s2: float = 0.1
+    wander_s: float = 1.0
     velocity_lag_s: float = 0.2
     """Of the receiver's velocity, behind a filter of first order."""
     drives: list[Drive] = field(init=False)
@@ -155,14 +159,14 @@ class Bench:
 
     def __post_init__(self) -> None:
         seeds = list(self.seeds)
-        drives = [drive(seed, wander_m_s2=self.wander_m_s2) for seed in seeds]
+        drives = [drive(seed, wander_m_s2=self.wander_m_s2, wander_s=self.wander_s) for seed in seeds]
         every, period = round(FINE_HZ / self.rate_hz), 1.0 / self.rate_hz
         count = min(len(one.position) for one in drives) // every
         positions = np.stack([one.position[every - 1 :: every][:count] for one in drives], axis=1)
         shifted, seen = np.empty_like(positions), np.empty_like(positions)
         for member, seed in enumerate(seeds):
             rng = np.random.default_rng([seed, 1])
-            common = gauss_markov(self.common_m, 150.0, period, count=count, runs=2, rng=rng)
+            common = gauss_markov(self.common_m, self.common_s, period, count=count, runs=2, rng=rng)
             shifted[:, member] = positions[:, member] + common
             seen[:, member] = shifted[:, member] + self.white_m * rng.standard_normal((count, 2))
         self._set("drives", drives)

@@ -1,5 +1,11 @@
 """Four statements about straights and curves, over twenty worlds that nothing was tuned on.
 
+The worlds are what the mixture expects: the hand that holds a line, the memory of the receiver's common error and the
+lag of its velocity are the figures of the mixture's options as they stand. So there are worlds of others, too, in which
+one of them is half or twice as large. "Everywhere" is said of the mixture that hears the receiver's velocity (Doppler):
+paper 004's models have positions alone, and with positions alone the mixture keeps up with the better of them on
+straights and in curves, not where these begin.
+
 Errors are across the way, from the track that the receiver's common error shifts. The filters of paper 004 are the
 corrected ones with the paper's numbers. What to expect, from the steady gains and v^2 / r of 1 to 2.5 m/s^2:
 
@@ -21,7 +27,7 @@ from twin.estimators.guidance_imm import GuidanceImmConfig
 from twin.estimators.guidance_kinematic import GuidanceKinematicConfig
 from twin.signals import FloatArray
 
-WORLDS = range(1, 21)
+WORLDS, OTHER_WORLDS = range(1, 21), range(21, 27)
 SIGN_TEST = 15
 """So many of twenty fair coins or more show heads in 2 % of cases."""
 RATES = [1.0, pytest.param(5.0, marks=pytest.mark.slow)]
@@ -35,24 +41,25 @@ FILTERS = {
 
 
 @cache
-def bench(rate_hz: float) -> Bench:
-    return Bench(seeds=WORLDS, rate_hz=rate_hz)
+def bench(rate_hz: float, **changes: float) -> Bench:
+    return Bench(seeds=OTHER_WORLDS if changes else WORLDS, rate_hz=rate_hz, **changes)  # type: ignore[arg-type]
 
 
 @cache
-def errors(name: str, rate_hz: float) -> FloatArray:
+def errors(name: str, rate_hz: float, **changes: float) -> FloatArray:
     """(K, R) across the way."""
-    setup = make_setup(runs=len(WORLDS), rate_hz=rate_hz)
+    worlds = bench(rate_hz, **changes)
+    setup = make_setup(runs=len(worlds.drives), rate_hz=rate_hz)
     kind, which = "guidance_kinematic", GuidanceKinematicConfig
     if name.startswith("imm"):
         kind, which = "guidance_imm", GuidanceImmConfig  # type: ignore[assignment]
     config = which.model_validate({"kind": kind, "sensors": ("gps",)} | FILTERS[name])
-    return bench(rate_hz).across(bench(rate_hz).errors(build_estimator(config, setup)))
+    return worlds.across(worlds.errors(build_estimator(config, setup)))
 
 
-def rms(name: str, rate_hz: float, phase: str) -> FloatArray:
+def rms(name: str, rate_hz: float, phase: str, **changes: float) -> FloatArray:
     """(R,) by world."""
-    return bench(rate_hz).rms(errors(name, rate_hz), phase)
+    return bench(rate_hz, **changes).rms(errors(name, rate_hz, **changes), phase)
 
 
 def together(by_world: FloatArray) -> float:
@@ -93,3 +100,25 @@ def test_mixture_of_positions_alone_is_within_a_twentieth_of_the_better_model(ph
     # not so at the entry: what a bend is takes a second to see in positions that err by 0.3 m
     better = min(together(rms("cv", rate_hz, phase)), together(rms("ca", rate_hz, phase)))
     assert together(rms("imm_positions", rate_hz, phase)) <= 1.05 * better
+
+
+@pytest.mark.parametrize("rate_hz", RATES)
+@pytest.mark.parametrize("phase", [STRAIGHT, CURVE, ENTRY, EXIT])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"wander_m_s2": 0.05},
+        {"wander_m_s2": 0.2},
+        {"wander_s": 0.5},
+        {"wander_s": 2.0},
+        {"common_s": 75.0},
+        {"common_s": 300.0},
+        {"velocity_lag_s": 0.1},
+        {"velocity_lag_s": 0.4},
+    ],
+    ids=lambda changes: "-".join(f"{key}={value}" for key, value in changes.items()),
+)
+def test_mixture_need_not_know_hand_memory_and_lag(changes: dict[str, float], phase: str, rate_hz: float) -> None:
+    # a factor of two off: the lag is the one that could matter, 0.2 s of 2.5 m/s^2 are half a metre per second
+    better = min(together(rms(name, rate_hz, phase, **changes)) for name in ("cv", "ca"))
+    assert together(rms("imm", rate_hz, phase, **changes)) <= 1.05 * better

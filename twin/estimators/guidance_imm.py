@@ -29,6 +29,8 @@ quantity of the field:
 What positions alone cannot do: where fixes err by 0.3 m five times a second, a second goes by before 2.5 m/s^2 show,
 and until then the narrow straight mode is worse than a filter that was wide all along. On straights, in curves and at
 their ends ``"none"`` keeps up with the better of paper 004's two models; at their beginnings it takes the velocity.
+With it, the mixture is as good as the better of the two or better everywhere, and still so where hand, memory of the
+common error or lag are half or twice what the options say.
 
 * **a receiver that smooths its positions** by a filter of its own, whose lag its data sheet tells, shows curves too
   wide. What the modes say of position is then about what the receiver shows, and the track is set off by what a filter

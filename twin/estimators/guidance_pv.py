@@ -183,7 +183,7 @@ class GuidancePv:
         config, now_ns, there = self._config, epoch.fix.t_available_ns, epoch.fix.there
         turning = (np.abs(epoch.steering) > config.turn_steering_rad) | (np.abs(epoch.rate) > config.turn_rate_rad_s)
         if not turning.any() and (self._mode == FILTERING).all():
-            return
+            return turning  # none of them
         self._turned_ns = np.where(turning, now_ns, self._turned_ns)
         straight = ~turning & (self._turned_ns <= now_ns - round(config.straight_s * NS_PER_S))
         waiting = self._mode == WAITING
