@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import tomli_w
@@ -33,6 +34,26 @@ def twin(*arguments: str | Path, cwd: Path, timeout_s: float = 120.0) -> subproc
         timeout=timeout_s,
         check=False,
     )
+
+
+def interrupted(
+    *arguments: str | Path, cwd: Path, number: int, begins_with: str, timeout_s: float = 60.0
+) -> tuple[int, str]:
+    """Start ``twin`` and send it a signal a second after its first line; return exit code and standard error."""
+    process = subprocess.Popen(
+        command_line(*arguments),
+        cwd=cwd,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert begins_with in process.stdout.readline()
+    time.sleep(1.0)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=timeout_s)
+    return process.returncode, errors
 
 
 def write_scenario(folder: Path, name: str = "small", **changes: object) -> Path:

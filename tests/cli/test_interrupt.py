@@ -1,13 +1,11 @@
 """Ctrl-C and SIGTERM in mid-run: exit code 130, nothing half-written, nothing of before destroyed."""
 
 import signal
-import subprocess
-import time
 from pathlib import Path
 
 import pytest
 
-from tests.cli.command import command_line, environment, twin, write_scenario
+from tests.cli.command import interrupted, twin, write_scenario
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -17,20 +15,17 @@ def test_an_interrupted_run_leaves_the_earlier_one_as_it_was(number: signal.Sign
     folder = tmp_path / "runs" / "small" / "seed1_run0"
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
-    process = subprocess.Popen(
-        command_line("run", path, "--set", "duration_s=3000.0"),
+    code, errors = interrupted(
+        "run",
+        path,
+        "--set",
+        "duration_s=3000.0",
         cwd=tmp_path,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        number=number,
+        begins_with="A short straight",
+        timeout_s=30.0,
     )
-    assert process.stdout is not None
-    assert "A short straight" in process.stdout.readline()
-    time.sleep(1.0)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=30)
-    assert process.returncode == 130
+    assert code == 130
     assert "Traceback" not in errors
     assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
     assert [entry.name for entry in folder.parent.iterdir()] == ["seed1_run0"]

@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
-import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from tests.cli.command import command_line, environment, twin
+from tests.cli.command import interrupted, twin
 from tests.logs import DATA
 from twin.cli.replaying_log import LogOptions, replay_any
 from twin.errors import BadInputError
@@ -161,20 +159,17 @@ def test_the_frame_may_lie_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_replay_leaves_no_half_folder(number: signal.Signals, tmp_path: Path) -> None:
     write_nmea(tmp_path / "log.nmea", 30_000)
-    process = subprocess.Popen(
-        command_line("replay", "log.nmea", "--estimator", KINDS[2], "--no-rrd"),
+    code, errors = interrupted(
+        "replay",
+        "log.nmea",
+        "--estimator",
+        KINDS[2],
+        "--no-rrd",
         cwd=tmp_path,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        number=number,
+        begins_with="log.nmea: gnss",
     )
-    assert process.stdout is not None
-    assert "log.nmea: gnss" in process.stdout.readline()
-    time.sleep(1.0)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert code == 130
     assert "Traceback" not in errors
     assert [path for path in (tmp_path / "runs").rglob("*") if path.name != "logs"] == []
 
