@@ -31,6 +31,17 @@ def wrap_angle_scalar(angle_rad: float) -> float:
     return angle_rad - 2.0 * math.pi * math.ceil((angle_rad - math.pi) / (2.0 * math.pi))
 
 
+def turned(
+    forward: FloatArray | float, left: FloatArray | float, heading_rad: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """East and north of level vectors given forward and to the left, of any shapes that fit together.
+
+    With the heading they change by (-north, east). Filters' kernels call it compiled.
+    """
+    cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
+    return cosine * forward - sine * left, sine * forward + cosine * left
+
+
 def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> FloatArray:
     """Rotation matrices, shape (..., 3, 3), of unit quaternions of shape (..., 4)."""
     x, y, z, w = np.moveaxis(np.asarray(quaternion_xyzw, dtype=np.float64), -1, 0)

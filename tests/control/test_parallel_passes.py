@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from tests.control.bicycle import drive
 from tests.small_scenario import small_scenario
-from twin.control.parallel_passes import Passes, headland_turn
+from twin.control.parallel_passes import ParallelPasses, headland_turn
 from twin.control.path_following import PathDriver, PathDriverConfig, planned_path
 from twin.control.path_plan import lay_out
 from twin.errors import BadInputError
@@ -153,5 +153,5 @@ def test_a_scenario_says_which_key_is_wrong(entry: dict[str, Any], message: str)
 
 
 def test_a_plan_can_be_read_from_the_configuration() -> None:
-    stretches = list(Passes.model_validate(field(passes=2)).stretches())
+    stretches = list(ParallelPasses.model_validate(field(passes=2)).stretches())
     assert [stretch.headland for stretch in stretches] == [False, True, False]

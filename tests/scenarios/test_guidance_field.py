@@ -14,7 +14,7 @@ from twin.execution import execute, execute_each
 from twin.recording import Recording
 from twin.scenario import Scenario, bundled, load
 from twin.scoring import score
-from twin.scoring.pass_to_pass import Passes
+from twin.scoring.pass_to_pass import PlannedPasses
 from twin.signals import POSITION, FloatArray
 
 SWATH_M = 1.8
@@ -42,7 +42,7 @@ SHORT: list[tuple[str, Any]] = [
 
 def _lines(recording: Recording, scenario: Scenario, stations_m: FloatArray) -> FloatArray:
     """Northing (passes, stations) of the machine on each pass, m."""
-    passes = Passes(scenario.planned_legs)
+    passes = PlannedPasses(scenario.planned_legs)
     points = recording.truth.select(POSITION[:2])[:, 0]
     numbers = passes.numbers(recording.truth.column("segment")[:, 0])
     found = []

@@ -31,7 +31,7 @@ _NOTHING = 1e-9
 """Share of a radius that is no way to drive: a piece of no length would be a corner."""
 
 
-class Passes(Config):
+class ParallelPasses(Config):
     """A piece of what the driver does: ``passes`` parallel lines, one after the other."""
 
     passes: Annotated[int, Field(ge=1, le=MOST_PASSES)]

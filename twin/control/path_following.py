@@ -31,7 +31,7 @@ from pydantic import Field, Strict, model_validator
 from twin.config import NonNegative
 from twin.control.followed_estimate import GOES_BY, STANDING_M_S, FollowedEstimate
 from twin.control.hearing import TRUTH, FollowerConfig
-from twin.control.parallel_passes import Passes
+from twin.control.parallel_passes import ParallelPasses
 from twin.control.path_plan import Entry, Leg, lay_out, length_m
 from twin.geometry import Path, wrap_angle_scalar
 from twin.randomness import world_generator
@@ -88,7 +88,7 @@ class PathDriverConfig(FollowerConfig):
 
     @model_validator(mode="after")
     def _bounded(self) -> Self:
-        if sum(entry.passes for entry in self.path if isinstance(entry, Passes)) > _MOST_PASSES:
+        if sum(entry.passes for entry in self.path if isinstance(entry, ParallelPasses)) > _MOST_PASSES:
             raise ValueError(f"path: at most {_MOST_PASSES} passes in all are allowed")
         length = sum(length_m(entry) for entry in self.path)
         if length > _LONGEST_PATH_M:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from twin.config import Config, Positive
-from twin.control.parallel_passes import Passes, Piece
+from twin.control.parallel_passes import ParallelPasses, Piece
 
 
 class Segment(Config):
@@ -69,11 +69,11 @@ class Segment(Config):
 
 def _which(value: Any) -> str:
     """Tell a field of passes by its key, as it is written or as it has been read."""
-    is_passes = "passes" in value if isinstance(value, dict) else isinstance(value, Passes)
+    is_passes = "passes" in value if isinstance(value, dict) else isinstance(value, ParallelPasses)
     return "passes" if is_passes else "segment"
 
 
-Entry = Annotated[Annotated[Segment, Tag("segment")] | Annotated[Passes, Tag("passes")], Discriminator(_which)]
+Entry = Annotated[Annotated[Segment, Tag("segment")] | Annotated[ParallelPasses, Tag("passes")], Discriminator(_which)]
 """What a path may be made of."""
 
 
@@ -97,14 +97,14 @@ class Leg:
 
 def length_m(entry: Entry) -> float:
     """How far an entry leads."""
-    if isinstance(entry, Passes):
+    if isinstance(entry, ParallelPasses):
         return entry.length_in_all_m
     return entry.straight_m or abs(math.radians(entry.turn_deg or 0.0)) * (entry.radius_m or 0.0)
 
 
 def tightest_m(entry: Entry) -> float | None:
     """Radius of an entry's turns; None where it has none."""
-    if isinstance(entry, Passes):
+    if isinstance(entry, ParallelPasses):
         return entry.turn_radius_m if entry.passes > 1 else None
     return entry.radius_m
 
@@ -121,7 +121,7 @@ def lay_out(entries: Iterable[Entry], speed_m_s: float) -> tuple[list[Piece], li
     for entry in entries:
         speed_m_s = entry.speed_m_s if entry.speed_m_s is not None else speed_m_s
         added, new = (
-            _passes(entry, station, speed_m_s) if isinstance(entry, Passes) else _one(entry, station, speed_m_s)
+            _passes(entry, station, speed_m_s) if isinstance(entry, ParallelPasses) else _one(entry, station, speed_m_s)
         )
         pieces += added
         legs += new
@@ -154,7 +154,7 @@ def _one(segment: Segment, station: float, speed_m_s: float) -> tuple[list[Piece
     return pieces, [leg]
 
 
-def _passes(field: Passes, station: float, speed_m_s: float) -> tuple[list[Piece], list[Leg]]:
+def _passes(field: ParallelPasses, station: float, speed_m_s: float) -> tuple[list[Piece], list[Leg]]:
     pieces: list[Piece] = []
     legs: list[Leg] = []
     in_turns = field.turn_speed_m_s if field.turn_speed_m_s is not None else speed_m_s

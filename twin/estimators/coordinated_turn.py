@@ -35,6 +35,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.geometry import turned
 from twin.signals import FloatArray
 
 E, N, S, PHI, OMEGA = range(5)
@@ -150,19 +151,14 @@ class AntennaPosition:
         self._forward_m = forward_m
         self._left_m = left_m
 
-    def _lever(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Lever arm in world axes, east and north, each (R,)."""
-        cosine, sine = np.cos(x[:, PHI]), np.sin(x[:, PHI])
-        return cosine * self._forward_m - sine * self._left_m, sine * self._forward_m + cosine * self._left_m
-
     def h(self, x: FloatArray) -> FloatArray:
         """Expected east and north position of the antenna, shape (R, 2)."""
-        east, north = self._lever(x)
+        east, north = turned(self._forward_m, self._left_m, x[:, PHI])
         return np.stack([x[:, E] + east, x[:, N] + north], axis=-1)
 
     def H(self, x: FloatArray) -> FloatArray:  # noqa: N802
         """Jacobian, shape (R, 2, 5)."""
-        east, north = self._lever(x)
+        east, north = turned(self._forward_m, self._left_m, x[:, PHI])
         jacobian = np.zeros((2, STATES, len(x)))
         jacobian[0, E] = jacobian[1, N] = 1.0
         jacobian[0, PHI] = -north
@@ -174,14 +170,13 @@ def transport(x: FloatArray, P: FloatArray, left_m: float) -> tuple[FloatArray, 
     """State (R, 5) and covariance (R, 5, 5) of the point ``left_m`` to the left of the origin (eqs 2.10 to 2.12)."""
     if left_m == 0.0:
         return x, P
-    cosine, sine = np.cos(x[:, PHI]), np.sin(x[:, PHI])
+    east, north = turned(0.0, left_m, x[:, PHI])
     moved = x.copy(order="K")
-    moved[:, E] -= left_m * sine
-    moved[:, N] += left_m * cosine
+    moved[:, E] += east
+    moved[:, N] += north
     moved[:, S] -= left_m * x[:, OMEGA]
     T = np.empty((STATES, STATES, len(x)))
     T[:] = _IDENTITY
-    T[E, PHI] = -left_m * cosine
-    T[N, PHI] = -left_m * sine
+    T[E, PHI], T[N, PHI] = -north, east
     T[S, OMEGA] = -left_m
     return moved, np.einsum("rik,lkr->ril", np.einsum("ijr,rjk->rik", T, P), T)

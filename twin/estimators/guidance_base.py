@@ -21,6 +21,7 @@ from twin.estimators.guidance_fix_kernels import roots_of_diagonal, row_of
 from twin.estimators.guidance_readers import ANGLE_TRANSDUCER, ODOMETRY, YAW_GYRO
 from twin.estimators.heading_inputs import WHEEL_ENCODERS
 from twin.estimators.roles import GNSS, IMU, RADAR, pick_sensors
+from twin.geometry import turned
 from twin.signals import HEADING, POSITION, SPEED, BoolArray, Estimate, EstimatorSetup, FloatArray, SensorInfo
 
 GUIDANCE_SENSORS = (GNSS, IMU, YAW_GYRO, WHEEL_ENCODERS, RADAR, ODOMETRY, ANGLE_TRANSDUCER)
@@ -86,11 +87,11 @@ def transported(
     """
     if forward_m == left_m == 0.0:
         return state, covariance
-    cosine, sine = np.cos(state[:, 2]), np.sin(state[:, 2])
+    east, north = turned(forward_m, left_m, state[:, 2])
     moved, T = state.copy(), np.repeat(np.eye(4)[np.newaxis], len(state), axis=0)
-    moved[:, 0] += cosine * forward_m - sine * left_m
-    moved[:, 1] += sine * forward_m + cosine * left_m
-    T[:, 0, 2], T[:, 1, 2] = -(moved[:, 1] - state[:, 1]), moved[:, 0] - state[:, 0]
+    moved[:, 0] += east
+    moved[:, 1] += north
+    T[:, 0, 2], T[:, 1, 2] = -north, east
     return moved, np.einsum("rik,rjk->rij", np.einsum("rij,rjk->rik", T, covariance), T)
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from twin.compiled import compiled
+from twin.geometry import turned
 from twin.signals import BoolArray, FloatArray, IntArray
 
+_turned = compiled(turned)
 _E, _N, _PSI, _B, _V = range(5)
 SCALE, GYRO_SCALE, STEERING, SLOW, OTHER, JUMP, ANCHOR = range(7)
 """Order of the places."""
@@ -133,8 +135,7 @@ def seen_antenna(x: FloatArray, places: IntArray, forward_m: float, left_m: floa
     seen, H = np.empty((2, runs)), np.zeros((2, n, runs))
     slow, jump = places[SLOW], places[JUMP]
     for m in range(runs):
-        cosine, sine = np.cos(x[m, _PSI]), np.sin(x[m, _PSI])
-        east, north = cosine * forward_m - sine * left_m, sine * forward_m + cosine * left_m
+        east, north = _turned(forward_m, left_m, x[m, _PSI])
         seen[0, m], seen[1, m] = x[m, _E] + east + x[m, slow], x[m, _N] + north + x[m, slow + 1]
         H[0, _PSI, m], H[1, _PSI, m] = -north, east
         for axis in range(2):

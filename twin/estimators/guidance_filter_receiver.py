@@ -15,18 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin import fix_quality
 from twin.estimators.guidance_readers import Fix
+from twin.fix_quality import ORDINARY, STATES
 from twin.signals import BoolArray, FloatArray, IntArray
 
 SINGLE, DIFFERENTIAL, FLOAT, FIXED = range(4)
 """Classes of solutions, from the worst to the best."""
-_CLASS_OF: Mapping[int, int] = {1: SINGLE, 2: DIFFERENTIAL, 3: DIFFERENTIAL, 4: FIXED, 5: FLOAT}
+_CLASSES: IntArray = np.array([SINGLE, SINGLE, DIFFERENTIAL, DIFFERENTIAL, FIXED, FLOAT], dtype=np.int64)
 """By NMEA quality; whatever else there is (dead reckoning, simulated, not told) is taken for the worst."""
-_CLASSES: IntArray = np.array([_CLASS_OF.get(quality, SINGLE) for quality in range(6)], dtype=np.int64)
-_PREFIXES = ("single_", "differential_", "float_", "")
-_USUAL = ((1.2, 160.0, 0.05), (0.45, 100.0, 0.05), (0.25, 80.0, 0.03), (0.006, 200.0, 0.004))
-"""Slow sigma (m), its correlation time (s) and white sigma (m) of ordinary receivers: NEO-M8U standing and its 1 to 3 m
-reported; SBAS; ZED-F9P float (0.23 m against what it claims) and fix."""
+_QUALITY_OF = (fix_quality.SINGLE, fix_quality.DIFFERENTIAL, fix_quality.RTK_FLOAT, fix_quality.RTK_FIXED)
+_PREFIXES = tuple(f"{STATES[quality]}_" if quality in STATES else "" for quality in _QUALITY_OF)
+"""Of their figures on a data sheet."""
 _RTK_M = 0.1
 """Reported sigma on a data sheet below which its plain figures are those of a fix."""
 _JUMPS_S = 120.0
@@ -93,13 +93,13 @@ def _has(sheet: Mapping[str, float], kind: int) -> bool:
 
 def _figures(sheet: Mapping[str, float], kind: int, *, plain_is_fix: bool) -> tuple[float, float, float, float]:
     """Slow sigma, its correlation time, white sigma and jumps of a class."""
-    usual = _USUAL[kind]
+    usual = ORDINARY[_QUALITY_OF[kind]]
     if not _has(sheet, kind) or (kind == FIXED and not plain_is_fix):
-        return (*usual, 0.0)
+        return usual.slow_m, usual.slow_s, usual.white_m, 0.0
     prefix = f"{_PREFIXES[kind]}position_"
     return (
         max(sheet[f"{prefix}correlated_sigma_m"], _LEAST_WHITE_M),
-        sheet.get(f"{prefix}correlation_s", usual[1]),
-        max(sheet.get(f"{prefix}white_sigma_m", usual[2]), _LEAST_WHITE_M),
+        sheet.get(f"{prefix}correlation_s", usual.slow_s),
+        max(sheet.get(f"{prefix}white_sigma_m", usual.white_m), _LEAST_WHITE_M),
         sheet.get(f"{prefix}jump_sigma_m", 0.0),
     )

@@ -8,8 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from twin.compiled import compiled
+from twin.geometry import turned
 from twin.signals import BoolArray, FloatArray
 
+_turned = compiled(turned)
 _AXES = 3
 _LEAST_M_S = 1e-3
 
@@ -115,9 +117,8 @@ def under_antenna(antenna: FloatArray, heading: FloatArray, arm: tuple[float, fl
     """Position (R, 3) of the reference under an antenna (R, 3) that is ``arm`` forward, to the left and up of it."""
     place = np.empty_like(antenna)
     for r in range(len(antenna)):
-        cosine, sine = np.cos(heading[r]), np.sin(heading[r])
-        place[r, 0] = antenna[r, 0] - (cosine * arm[0] - sine * arm[1])
-        place[r, 1] = antenna[r, 1] - (sine * arm[0] + cosine * arm[1])
+        east, north = _turned(arm[0], arm[1], heading[r])
+        place[r, 0], place[r, 1] = antenna[r, 0] - east, antenna[r, 1] - north
         place[r, 2] = antenna[r, 2] - arm[2]
     return place
 

@@ -24,6 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.estimators.coordinated_turn import sinc_and_derivative
+from twin.geometry import turned
 from twin.signals import FloatArray
 
 X, Y, PSI, V, DELTA = range(5)
@@ -135,10 +136,7 @@ class Antenna:
 
     def arm(self, x: FloatArray) -> FloatArray:
         """From the state's point to the antenna, east and north (R, 2)."""
-        sine, cosine = np.sin(x[:, PSI]), np.cos(x[:, PSI])
-        return np.stack(
-            [self._forward_m * sine - self._left_m * cosine, self._forward_m * cosine + self._left_m * sine], axis=-1
-        )
+        return np.stack(turned(self._forward_m, self._left_m, 0.5 * np.pi - x[:, PSI]), axis=-1)
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected east and north, shape (R, 2)."""

@@ -24,7 +24,7 @@ from twin.estimators.roles import (
     lever_arm,
     usable,
 )
-from twin.geometry import rotation_from_rpy
+from twin.geometry import rotation_from_rpy, turned
 from twin.signals import NS_PER_S, YAW_RATE, BoolArray, EstimatorSetup, FloatArray, IntArray, Measurement, SensorInfo
 
 ODOMETRY, YAW_GYRO, ANGLE_TRANSDUCER = "odometry", "yaw_gyro", "angle_transducer"
@@ -103,11 +103,7 @@ class FixReader:
 
     def reference(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:
         """Where the reference frame is (R, 2) if the antenna is there and the machine, level, has that heading (R,)."""
-        cosine, sine = np.cos(heading), np.sin(heading)
-        arm = np.stack(
-            [cosine * self.forward_m - sine * self.left_m, sine * self.forward_m + cosine * self.left_m], axis=-1
-        )
-        moved: FloatArray = antenna - arm
+        moved: FloatArray = antenna - np.stack(turned(self.forward_m, self.left_m, heading), axis=-1)
         return moved
 
 

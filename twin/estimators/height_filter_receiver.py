@@ -15,23 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.estimators.roles import column_places, usable
+from twin.fix_quality import ORDINARY, RTK_FIXED, SINGLE, STATES
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
-
-FIXED = 4
-"""NMEA quality of an RTK fix."""
 
 _COLUMNS = ("position_u_m", "sigma_u_m", "quality", "age_s")
 _VERTICAL_SPEED = "vertical_speed_m_s"
 _LEVEL = ("speed_m_s", "course_rad")
 _PLACE = ("position_e_m", "position_n_m")
 _DILUTION = "vdop"
-_PREFIXES: Mapping[int, str] = {5: "float", 2: "differential", 3: "differential", 1: "single"}
-_COARSE: Mapping[str, tuple[float, float]] = {
-    "float": (0.37, 170.0),
-    "differential": (0.76, 100.0),
-    "single": (1.52, 160.0),
-}
-"""Sigma (m) and correlation time (s) where the data sheet is silent: those of ordinary receivers."""
 _WHITE_RATIO = 0.2
 """White part of a coarse position against the whole where the data sheet is silent; ordinary receivers: 0.03 to 0.2."""
 _ROUNDING_M, _ROUNDING_M_S = 1e-4, 1e-4
@@ -52,10 +43,10 @@ class FixSheet:
     @classmethod
     def of(cls, sheet: Mapping[str, float]) -> FixSheet:
         """Read a data sheet; what it does not say is split as usual receivers have it."""
-        total = sheet.get("height_noise_m", 0.015)
+        total = sheet.get("height_noise_m", ORDINARY[RTK_FIXED].height_m)
         return cls(
             correlated_m=sheet.get("height_correlated_sigma_m", 0.93 * total),
-            correlation_s=sheet.get("height_correlation_s", 100.0),
+            correlation_s=sheet.get("height_correlation_s", ORDINARY[RTK_FIXED].height_s),
             white_m=max(sheet.get("height_white_sigma_m", 0.36 * total), _ROUNDING_M),
             age_drift_m_s=sheet.get("height_age_drift_m_s", 0.0014),
             age_drift_correlation_s=sheet.get("age_drift_correlation_s", 100.0),
@@ -144,7 +135,7 @@ class HeightReceiver:
         self._level_noise = sheet.get("speed_noise_m_s", 0.05), sheet.get("speed_noise_ratio", 0.0)
         self._latency_ns = round(sheet.get("latency_s", 0.0) * NS_PER_S)
         self._design_m = setup.design_height_m
-        self._table = {quality: _coarse(sheet, prefix) for quality, prefix in _PREFIXES.items()}
+        self._table = {quality: _coarse(sheet, name) for quality, name in STATES.items()}
         none = np.full(setup.runs, np.nan)
         self._least_dilution: FloatArray = none
         self._last = dict.fromkeys(("position_u_m", _VERTICAL_SPEED, "speed_m_s"), none)
@@ -155,7 +146,7 @@ class HeightReceiver:
         runs = len(measurement.valid)
         quality = np.where(measurement.valid, column["quality"], np.nan)
         news = self._news(measurement, "position_u_m") & (quality > 0.0)
-        fixed = quality == FIXED
+        fixed = quality == RTK_FIXED
         sigma, white, correlation_s = self._coarse(quality)
         age = np.where(fixed & np.isfinite(column["age_s"]), column["age_s"], 0.0)
         drift = self.fix.age_drift_m_s * np.maximum(age, 0.0)
@@ -224,17 +215,17 @@ class HeightReceiver:
 
     def _coarse(self, quality: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Correlated and white sigma (m) and correlation time (s) of positions that are no fixes, (R,) each."""
-        found = np.repeat(np.array(self._table[1])[:, np.newaxis], len(quality), axis=1)
+        found = np.repeat(np.array(self._table[SINGLE])[:, np.newaxis], len(quality), axis=1)
         for code, figures in self._table.items():
             found[:, quality == code] = np.array(figures)[:, np.newaxis]
         sigma, white, correlation_s = found
         return sigma, white, correlation_s
 
 
-def _coarse(sheet: Mapping[str, float], prefix: str) -> tuple[float, float, float]:
+def _coarse(sheet: Mapping[str, float], name: str) -> tuple[float, float, float]:
     """Correlated and white sigma and correlation time of a lesser state's height; a data sheet tells the whole."""
-    usual, usual_s = _COARSE[prefix]
-    whole = sheet.get(f"{prefix}_height_sigma_m", usual)
-    white = min(sheet.get(f"{prefix}_height_white_sigma_m", _WHITE_RATIO * whole), 0.99 * whole)
+    usual = next(ORDINARY[quality] for quality in ORDINARY if STATES.get(quality) == name)
+    whole = sheet.get(f"{name}_height_sigma_m", usual.height_m)
+    white = min(sheet.get(f"{name}_height_white_sigma_m", _WHITE_RATIO * whole), 0.99 * whole)
     correlated = math.sqrt(whole * whole - white * white)
-    return correlated, white, sheet.get(f"{prefix}_height_correlation_s", usual_s)
+    return correlated, white, sheet.get(f"{name}_height_correlation_s", usual.height_s)

@@ -56,8 +56,9 @@ from twin.config import NonNegative, Positive
 from twin.errors import BadInputError
 from twin.estimators.engines import EngineName, make_engine
 from twin.estimators.height_preparation import HeightPreparation, HeightPreparationConfig
-from twin.estimators.held_height import AHRS, FREE_ACCELERATION_UP, RTK_FIXED, HeightConfig, HeldHeight, the_sensors
+from twin.estimators.held_height import AHRS, FREE_ACCELERATION_UP, HeightConfig, HeldHeight, the_sensors
 from twin.estimators.roles import GNSS, column_places, usable
+from twin.fix_quality import RTK_FIXED
 from twin.signals import HEIGHT, NS_PER_S, VELOCITY, BoolArray, Estimate, EstimatorSetup, FloatArray, Measurement
 
 KIND = "height_vpkf"

@@ -20,8 +20,6 @@ from twin.signals import BoolArray, EstimatorSetup, FloatArray, IntArray, Measur
 AHRS = "ahrs"
 FREE_ACCELERATION_UP = "free_accel_u_m_s2"
 GNSS_COLUMNS = ("position_u_m", "sigma_u_m", "quality", "age_s")
-RTK_FIXED = 4
-"""The paper's QI of RTK positioning (NMEA GGA field 6)."""
 
 _NEVER = np.iinfo(np.int64).min
 

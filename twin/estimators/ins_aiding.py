@@ -26,9 +26,9 @@ from twin.estimators.ins_filter import AidReading, Receiving
 from twin.estimators.ins_model import PulseSensorModel, ReceiverModel, lag_gain
 from twin.estimators.ins_observations import AntennaFix, StatesThemselves
 from twin.estimators.roles import ACCOSAT, POSITION_COLUMNS, SPEED_COLUMN, column_places, mount_arm, usable
+from twin.fix_quality import DIFFERENTIAL, PPS, RTK_FIXED, RTK_FLOAT
 from twin.signals import NS_PER_S, BoolArray, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
-_FIXED = 4
 _AGE_GROWTH_M_S = 0.00074
 """Growth of the horizontal error of a fixed solution with the age of its corrections, each axis (lefebure.com, RTK
 accuracy against age of corrections)."""
@@ -60,7 +60,11 @@ class ReceiverTrust(Config):
 
     def floor(self, quality: FloatArray) -> FloatArray:
         """By NMEA quality (R,)."""
-        conditions = [quality == _FIXED, quality == 5.0, (quality == 2.0) | (quality == 3.0)]
+        conditions = [
+            quality == RTK_FIXED,
+            quality == RTK_FLOAT,
+            (quality == DIFFERENTIAL) | (quality == PPS),
+        ]
         return np.select(conditions, [self.fix_m, self.float_m, self.differential_m], default=self.single_m)
 
 
@@ -152,7 +156,7 @@ class ReceiverAid:
         still, ratio = self._noise
         velocity_variance = still**2 + (ratio * speed_m_s) ** 2 + (_CHANGE_M_S2 * late_s) ** 2
         position = np.stack([self._column(measurement, column, np.nan) for column in POSITION_COLUMNS], axis=-1)
-        quality = self._column(measurement, "quality", float(_FIXED))
+        quality = self._column(measurement, "quality", float(RTK_FIXED))
         mask = usable(measurement, position) & (quality > 0.0)
         said, sigma = self._sigma(measurement, quality)
         white = np.maximum(_WHITE_SHARE * said, _LEAST_WHITE_M) ** 2
@@ -177,7 +181,7 @@ class ReceiverAid:
         known = np.isfinite(reported) & (reported > 0.0)
         said = np.where(known, reported, self._sheet_sigma)
         age = self._column(measurement, "age_s", 0.0)
-        old = np.where(np.isfinite(age) & (quality == _FIXED), np.maximum(age - _FRESH_S, 0.0), 0.0)
+        old = np.where(np.isfinite(age) & (quality == RTK_FIXED), np.maximum(age - _FRESH_S, 0.0), 0.0)
         by_age = np.hypot(self._trust.fix_m, _AGE_GROWTH_M_S * old)
         sigma = np.maximum(np.maximum(said, self._trust.floor(quality)), by_age)
         return said, np.hypot(sigma, self._arm_error_m)

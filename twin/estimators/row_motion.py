@@ -26,6 +26,7 @@ import numpy as np
 from twin.estimators.heading_filter import HeadingFilter
 from twin.estimators.heading_noise import HeadingNoiseConfig, Sheet
 from twin.estimators.wheel_odometry import Odometer
+from twin.geometry import turned
 from twin.signals import NS_PER_S, YAW_RATE, BoolArray, FloatArray, Measurement, SensorInfo
 
 E, PSI, RATE, WE, WPSI = range(5)
@@ -236,8 +237,6 @@ class Track:
         members = np.arange(len(x))[:, np.newaxis]
         then = (1.0 - share) * poses[later - 1, members] + share * poses[later, members]  # (R, M, 3)
         now = self._pose[:, np.newaxis, :]
-        sine, cosine = np.sin(then[..., 2]), np.cos(then[..., 2])
-        east = then[..., 0] + cosine * x - sine * y - now[..., 0]
-        north = then[..., 1] + sine * x + cosine * y - now[..., 1]
-        sine, cosine = np.sin(now[..., 2]), np.cos(now[..., 2])
-        return cosine * east + sine * north, cosine * north - sine * east
+        east, north = turned(x, y, then[..., 2])
+        east, north = then[..., 0] + east - now[..., 0], then[..., 1] + north - now[..., 1]
+        return turned(east, north, -now[..., 2])

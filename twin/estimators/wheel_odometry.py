@@ -21,7 +21,7 @@ from twin.config import Positive
 from twin.estimators.coordinated_turn import sinc_and_derivative
 from twin.estimators.heading_base import HeadingConfig
 from twin.estimators.heading_inputs import WHEEL_ENCODERS, HeadingInputs, HeadingSample
-from twin.geometry import wrap_angle
+from twin.geometry import turned, wrap_angle
 from twin.signals import (
     HEADING,
     NS_PER_S,
@@ -112,13 +112,13 @@ class WheelOdometry:
         if sample is not None:
             self._take(sample)
         east, north, heading = self._start
-        sine, cosine = np.sin(heading), np.cos(heading)
+        moved_east, moved_north = turned(self._along, self._left, heading)
         values = np.stack(
             [
                 wrap_angle(heading + self._odometer.yaw),
                 self._rate,
-                east + cosine * self._along - sine * self._left,
-                north + sine * self._along + cosine * self._left,
+                east + moved_east,
+                north + moved_north,
             ],
             axis=-1,
         )

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.fix_quality import ORDINARY, SINGLE, STATES
 from twin.formats.geodetic import Origin
 from twin.formats.gnss_fixes import COLUMNS, GNSS, UNKNOWN_MOUNT, Fix
 from twin.signals import NS_PER_S, SensorInfo
@@ -46,12 +47,12 @@ class LogHead:
     @property
     def best(self) -> int:
         """The best quality until now, of those a neutral data sheet knows; a single-point one if there was none."""
-        return next((quality for quality in _REPORTED_M if quality in self._qualities), 1)
+        return next((quality for quality in ORDINARY if quality in self._qualities), SINGLE)
 
     @property
     def best_there_is(self) -> bool:
         """Whether no better quality can come."""
-        return self.best == next(iter(_REPORTED_M))
+        return self.best == next(iter(ORDINARY))
 
     @property
     def looked_far(self) -> bool:
@@ -78,32 +79,23 @@ def _first(values: Sequence[float], limits: tuple[float, float]) -> float:
     return min(max(known, limits[0]), limits[1])
 
 
-_REPORTED_M = {4: (0.01, 0.02), 5: (0.2, 0.4), 2: (0.5, 0.95), 1: (1.5, 2.9)}
-"""Horizontal and vertical noise of a neutral receiver by the best quality it has: an F9P's own word for RTK fixed, the
-measured error of its float solution (whose own word is a hundredth of it), a choice for differential, and a NEO-M8U's
-own word for single point."""
-_HORIZONTAL = {
-    4: ("", 0.0046, 245.0),
-    5: ("float_", 0.16, 100.0),
-    2: ("differential_", 0.4, 100.0),
-    1: ("single_", 0.8, 160.0),
-}
-"""Name, what wanders (m), how long it lasts (s): an F9P standing 2490 s, its float solution, a choice as in the
-receivers' presets, a NEO-M8U on a standing tractor. What is new in every fix nobody can tell of a receiver that nobody
-knows; it shows in the log, and is for estimators to find."""
 _VELOCITY = {"speed_noise_m_s": 0.05, "speed_noise_ratio": 0.03, "velocity_lag_s": 0.0, "latency_s": 0.0}
 """A choice: Doppler speed of any receiver, digits included, and direction within 1.6 degrees."""
 
 
 def neutral_sheet(best: int) -> dict[str, float]:
-    """Data sheet of a receiver nobody knows, by the best quality it has, with the names of simulated receivers'."""
-    horizontal, vertical = _REPORTED_M[best]
-    sheet = {"position_noise_m": horizontal, "height_noise_m": vertical, **_VELOCITY}
-    for quality, (name, correlated, correlation) in _HORIZONTAL.items():
-        for prefix in {name, ""} if quality == best else {name} - {""}:
+    """Data sheet of a receiver nobody knows, by the best quality it has, with the names of simulated receivers'.
+
+    What is new in every fix nobody can tell of it; it shows in the log, and is for estimators to find.
+    """
+    claims = ORDINARY[best]
+    sheet = {"position_noise_m": claims.reported_m, "height_noise_m": claims.reported_height_m, **_VELOCITY}
+    for quality, errors in ORDINARY.items():
+        prefixes = [f"{STATES[quality]}_"] if quality in STATES else []
+        for prefix in [*prefixes, ""] if quality == best else prefixes:
             sheet |= {
-                f"{prefix}position_correlated_sigma_m": correlated,
-                f"{prefix}position_correlation_s": correlation,
+                f"{prefix}position_correlated_sigma_m": errors.slow_m,
+                f"{prefix}position_correlation_s": errors.slow_s,
             }
     return sheet
 

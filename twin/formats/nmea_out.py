@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.fix_quality import RTK_FIXED, RTK_FLOAT, WITH_CORRECTIONS
 from twin.formats.geodetic import Origin, compass_deg
 from twin.formats.nmea import KMH_M_S, KNOT_M_S, framed
 from twin.formats.nmea_style import NmeaStyle
@@ -26,7 +27,6 @@ from twin.signals import NS_PER_S, POSITION, FloatArray, Measurement
 
 _BLOCK = 1024
 _LETTERS = {0: "N", 1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
-_WITH_CORRECTIONS = (2, 4, 5)
 _DAY_S = 86_400
 
 
@@ -110,7 +110,7 @@ def turn(degrees: float, decimals: int) -> str:
 
 
 def _mode(sample: Sample, style: NmeaStyle) -> str:
-    if sample.quality in {4, 5} and not style.rtk_modes:
+    if sample.quality in {RTK_FIXED, RTK_FLOAT} and not style.rtk_modes:
         return "D"
     return _LETTERS[sample.quality]
 
@@ -132,7 +132,7 @@ def _gga(sample: Sample, style: NmeaStyle) -> str:
         return ",".join(("GGA", *place, "99.99", "", "", "", "", "", ""))
     height = decimal(sample.above_sea_m, style.height_decimals)
     geoid = decimal(sample.geoid_m, style.height_decimals)
-    station = f"{style.station:04d}" if sample.quality in _WITH_CORRECTIONS else ""
+    station = f"{style.station:04d}" if sample.quality in WITH_CORRECTIONS else ""
     hdop = decimal(sample.values["hdop"], style.dop_decimals)
     return ",".join(("GGA", *place, hdop, height, "M", geoid, "M", age(sample, style), station))
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from twin.errors import BadInputError
 from twin.estimators.roles import GNSS
+from twin.fix_quality import RTK_FIXED
 from twin.formats.geodetic import Origin
 from twin.formats.log import Log
 from twin.recording import Stream
 from twin.signals import POSITION, BoolArray, FloatArray, IntArray, Measurement, nanoseconds
 
-RTK_FIXED = 4
 _COLUMNS = (*POSITION, "sigma_e_m", "sigma_n_m", "quality")
 _READ_AT_ONCE = 512
 _MARGIN_NS = nanoseconds(10.0)

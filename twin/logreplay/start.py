@@ -8,6 +8,7 @@ from itertools import chain
 
 import numpy as np
 
+from twin.geometry import turned
 from twin.signals import POSITION, SPEED, Measurement, SensorInfo
 
 MOST_LOOKED_AT = 5_000
@@ -49,9 +50,8 @@ def look_ahead(measurements: Iterator[Measurement], receiver: SensorInfo | None)
 def reference_pose(antenna: Pose, antenna_m: tuple[float, float]) -> Pose:
     """Pose of the reference frame from that of an antenna which sits so far ahead and to the left of it, m."""
     east, north, heading = antenna
-    ahead, left = antenna_m
-    cosine, sine = math.cos(heading), math.sin(heading)
-    return east - cosine * ahead + sine * left, north - sine * ahead - cosine * left, heading
+    by_east, by_north = turned(*antenna_m, heading)
+    return east - float(by_east), north - float(by_north), heading
 
 
 def _course(told: dict[str, float], start: tuple[float, float], here: tuple[float, float]) -> float:

@@ -14,17 +14,8 @@ from twin.scenario.files import (
     read_toml,
     resolve,
 )
-from twin.scenario.model import (
-    RESERVED,
-    Check,
-    LossConfig,
-    RecordingConfig,
-    Scenario,
-    ScoringConfig,
-    WorldConfig,
-    place_key,
-    unknown,
-)
+from twin.scenario.model import RESERVED, Scenario
+from twin.scenario.sections import Check, LossConfig, RecordingConfig, ScoringConfig, WorldConfig, place_key, unknown
 
 __all__ = [
     "RESERVED",

@@ -22,7 +22,8 @@ from pydantic import ValidationError
 from twin import paths
 from twin.control import DEFAULT_DRIVER
 from twin.errors import BadInputError
-from twin.scenario.model import Scenario, unknown
+from twin.scenario.model import Scenario
+from twin.scenario.sections import unknown
 from twin.sensors.presets import load_preset
 from twin.validation import explain
 

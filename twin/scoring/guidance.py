@@ -25,7 +25,7 @@ from twin.recording import Stream
 from twin.scenario import Scenario
 from twin.scoring import coverage, pass_to_pass, places, steps
 from twin.scoring.compared import Compared, as_rows, shared_columns
-from twin.scoring.pass_to_pass import Passes, PassToPass
+from twin.scoring.pass_to_pass import PassToPass, PlannedPasses
 from twin.scoring.phases import phases
 from twin.scoring.places import Places
 from twin.scoring.steps import Steps
@@ -66,7 +66,7 @@ class GuidanceScorer:
     def __init__(self, scenario: Scenario, truth: Sequence[str]) -> None:
         self._scenario = scenario
         guided = scenario.judges_guidance
-        self._passes = Passes(scenario.planned_legs) if guided and _has_passes(scenario, truth) else None
+        self._passes = PlannedPasses(scenario.planned_legs) if guided and _has_passes(scenario, truth) else None
         self._between: PassToPass | None = None
         self._steps: Steps | None = None
         self._places: Places | None = None
@@ -174,7 +174,7 @@ def _figures(values: FloatArray) -> list[float]:
 
 
 def _between_passes(truth: Stream, scenario: Scenario) -> dict[str, float]:
-    passes = Passes(scenario.planned_legs)
+    passes = PlannedPasses(scenario.planned_legs)
     counted = np.flatnonzero(truth.t_ns >= nanoseconds(scenario.scoring.from_s))
     points = truth.select(_PLANE)[counted, 0]
     numbers = passes.numbers(truth.column(SEGMENT)[counted, 0])

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from twin.fix_quality import RTK_FIXED
 from twin.sensors.faults import OutageFault, StuckFault
 from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.gnss_faults import (
@@ -20,7 +21,7 @@ from twin.sensors.gnss_faults import (
     WrongFixFault,
 )
 from twin.sensors.gnss_outputs import VERTICAL_SPEED
-from twin.sensors.gnss_states import OPEN_SKY, RTK_FIXED, FixState, dilution
+from twin.sensors.gnss_states import OPEN_SKY, FixState, dilution
 
 _UP = 2
 _HEIGHT = "position_u_m"

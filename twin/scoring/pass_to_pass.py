@@ -32,7 +32,7 @@ _STEP_M = 1.0
 _NOT_YET = -1
 
 
-class Passes:
+class PlannedPasses:
     """The parallel passes of a scenario, along their A-B line."""
 
     def __init__(self, legs: Sequence[PlannedLeg]) -> None:
@@ -81,7 +81,7 @@ def has_passes(scenario: Scenario) -> bool:
 class PassToPass:
     """Differences between passes of errors that are fed in pieces, for R runs side by side."""
 
-    def __init__(self, passes: Passes, runs: int) -> None:
+    def __init__(self, passes: PlannedPasses, runs: int) -> None:
         self._passes = passes
         self._first = [passes.reach(number)[0] for number in range(len(passes))]
         counts = [max(0, last - first + 1) for first, last in map(passes.reach, range(len(passes)))]

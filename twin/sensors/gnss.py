@@ -25,6 +25,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.fix_quality import RTK_FIXED
 from twin.sensors.base import Reading, Sample, Sensor, SensorConfig
 from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.gnss_corrections import Corrections
@@ -40,7 +41,7 @@ from twin.sensors.gnss_outputs import (
     vertical_speed_error,
 )
 from twin.sensors.gnss_position_output import PositionOutput
-from twin.sensors.gnss_states import RTK_FIXED, FixStates, dilution
+from twin.sensors.gnss_states import FixStates, dilution
 from twin.sensors.kernels import wrap
 from twin.sensors.noise import RampLowPass
 from twin.signals import HEADING, POSITION, BoolArray, Capture, FloatArray, IntArray, Mount, MountMotion, nanoseconds

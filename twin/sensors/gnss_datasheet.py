@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 
 from twin.config import Vector3
+from twin.fix_quality import STATES
 from twin.sensors.gnss_config import GnssConfig
 from twin.sensors.gnss_states import FixState
 
-LESSER_STATES = {5: "float", 2: "differential", 1: "single"}
-"""Name of a state by its NMEA quality."""
 _UP = 2
 
 
@@ -66,7 +65,7 @@ def _height_of_the_usual_state(config: GnssConfig) -> dict[str, float]:
 def _heights_of_lesser_states(config: GnssConfig) -> dict[str, float]:
     sheet: dict[str, float] = {}
     for state in config.states.values():
-        name = LESSER_STATES.get(state.quality)
+        name = STATES.get(state.quality)
         if name is not None:
             sheet |= _height(state, name) | _horizontal(state, f"{name}_")
     return sheet

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.errors import BadInputError
+from twin.fix_quality import NO_POSITION, RTK_FIXED
 from twin.sensors.faults import FaultAtWork
 from twin.sensors.gnss_fault_processes import BadReacquisitions, Flapping, WrongFix
 from twin.sensors.gnss_faults import (
@@ -18,7 +19,7 @@ from twin.sensors.gnss_faults import (
     WrongFixFault,
     ZeroCovarianceFault,
 )
-from twin.sensors.gnss_states import NO_POSITION, OPEN_SKY, RTK_FIXED
+from twin.sensors.gnss_states import OPEN_SKY
 from twin.sensors.noise import Streams
 from twin.signals import FloatArray, IntArray, nanoseconds
 

@@ -25,8 +25,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.fix_quality import WITH_CORRECTIONS
 from twin.sensors.gnss_kernels import DRIFT, position_errors, receiver_reports
-from twin.sensors.gnss_states import WITH_CORRECTIONS, FixState
+from twin.sensors.gnss_states import FixState
 from twin.sensors.noise import Streams, decay
 from twin.signals import FloatArray, IntArray
 

@@ -27,13 +27,6 @@ from twin.signals import FloatArray, IntArray, nanoseconds
 
 OPEN_SKY = 2**31
 """More satellites than there are."""
-RTK_FIXED = 4
-"""NMEA quality of a receiver with fixed ambiguities."""
-NO_POSITION = 0
-"""NMEA quality of a receiver without a position."""
-WITH_CORRECTIONS = frozenset({2, 4, 5})
-"""Qualities for which a receiver tells the age of its corrections."""
-
 _FEWEST = 4
 """Satellites that a position takes."""
 
