@@ -126,13 +126,13 @@ class WheelOdometry:
 
     def _take(self, sample: HeadingSample) -> None:
         before = self._odometer.yaw
-        turned, way = self._odometer.step(sample.slots, sample.counted)
+        turn, way = self._odometer.step(sample.slots, sample.counted)
         dt_s = max(sample.dt_s, self._inputs.step_ns / NS_PER_S)
-        self._rate = np.where(sample.counted, turned / dt_s, self._rate)
+        self._rate = np.where(sample.counted, turn / dt_s, self._rate)
         if self._published:
-            direction = before + self._track_m * turned  # eqs 4 and 5: V_th dT
+            direction = before + self._track_m * turn  # eqs 4 and 5: V_th dT
         else:
-            direction = before + 0.5 * turned
-            way = way * sinc_and_derivative(0.5 * turned)[0]
+            direction = before + 0.5 * turn
+            way = way * sinc_and_derivative(0.5 * turn)[0]
         self._along = self._along + np.cos(direction) * way
         self._left = self._left + np.sin(direction) * way

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, Strict, field_validator, model_validator
 
 from twin.config import Config, Vector3
-from twin.geometry import rotation_from_rpy, rpy_from_rotation
+from twin.geometry import rpy_from_rotation, turned
 from twin.signals import Command, FloatArray, Mount
 from twin.world.blade_spec import BladeSpec
 from twin.world.clearance import Outline
@@ -227,6 +227,32 @@ class MachineBaseConfig(Config):
         """Return the machine to be simulated: the one of this kind that the world of this seed has."""
         raise NotImplementedError
 
+    def _assembled(
+        self,
+        *,
+        wheels: tuple[Wheel, ...],
+        drive: Callable[[Urdf], Drive],
+        springs: tuple[Spring, ...] = (),
+        draughts: tuple[Draught, ...] = (),
+        blade: BladeSpec | None = None,
+    ) -> MachineModel:
+        """Return what the section tells, with what only the machine knows."""
+        return MachineModel(
+            urdf=self.asset,
+            wheels=wheels,
+            mounts=self.resolved_mounts,
+            reference=self.reference,
+            rows_y_m=self.rows_y_m,
+            start=self.vehicle_start,
+            drive=drive,
+            outline_m=self.outline_m,
+            springs=springs,
+            draughts=draughts,
+            fixed=self.fixed,
+            lift=self.lift,
+            blade=blade,
+        )
+
     @property
     def wheelbase_m(self) -> float:
         """From the rear axle, which follows the path, to the steered one; zero where nothing steers."""
@@ -289,10 +315,10 @@ class MachineBaseConfig(Config):
         """Nominal start pose of the reference frame (what is drawn, straight behind): east m, north m, heading rad."""
         east, north, heading = self.vehicle_start
         position, rotation = read_urdf(self.asset).zero_pose(self.reference.body)
-        offset = position + rotation @ self.reference.xyz_m
-        turned = rotation_from_rpy(0.0, 0.0, heading) @ offset
+        forward, left, _ = (position + rotation @ self.reference.xyz_m).tolist()
+        by_east, by_north = turned(forward, left, heading)
         own = float(rpy_from_rotation(rotation)[2])
-        return east + float(turned[0]), north + float(turned[1]), heading + own
+        return east + float(by_east), north + float(by_north), heading + own
 
     @property
     def footprint_m(self) -> Outline:

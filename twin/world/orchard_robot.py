@@ -231,17 +231,11 @@ class _RobotConfig(MachineBaseConfig):
         size = self.size
         drawn = world_generator(seed, "machine.wheels").standard_normal(len(size.wheels)).tolist()
         spread_m = self.wheel_tolerance * size.wheel_radius_m
-        return MachineModel(
-            urdf=self.asset,
+        return self._assembled(
             wheels=tuple(
                 replace(wheel, radius_m=wheel.radius_m + spread_m * normal) if wheel.joint in DRIVEN else wheel
                 for wheel, normal in zip(size.wheels, drawn, strict=True)
             ),
-            mounts=self.resolved_mounts,
-            reference=self.reference,
-            rows_y_m=self.rows_y_m,
-            start=self.vehicle_start,
-            outline_m=self.outline_m,
             drive=lambda urdf: DifferentialDrive(size.drive, urdf),
         )
 

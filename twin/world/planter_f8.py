@@ -106,14 +106,8 @@ class PlanterF8Config(MachineBaseConfig):
 
     def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the machine to be simulated."""
-        return MachineModel(
-            urdf=self.asset,
+        return self._assembled(
             wheels=WHEELS,
-            mounts=self.resolved_mounts,
-            reference=self.reference,
-            rows_y_m=self.rows_y_m,
-            start=self.vehicle_start,
-            outline_m=self.outline_m,
             drive=lambda urdf: TractorDrive(_SPEC, urdf),
             draughts=(Draught(body="planter", x_m=BAR_X_M, z_m=-HITCH_HEIGHT_M, y_m=ROWS_Y_M, force_n=self.draught_n),),
         )

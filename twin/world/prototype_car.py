@@ -111,14 +111,4 @@ class PrototypeCarConfig(MachineBaseConfig):
 
     def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the machine to be simulated."""
-        return MachineModel(
-            urdf=self.asset,
-            wheels=WHEELS,
-            mounts=self.resolved_mounts,
-            reference=self.reference,
-            rows_y_m=self.rows_y_m,
-            start=self.vehicle_start,
-            outline_m=self.outline_m,
-            drive=lambda urdf: TractorDrive(_SPEC, urdf),
-            springs=SPRINGS,
-        )
+        return self._assembled(wheels=WHEELS, drive=lambda urdf: TractorDrive(_SPEC, urdf), springs=SPRINGS)

@@ -83,15 +83,4 @@ class RailBenchConfig(MachineBaseConfig):
 
     def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the bench to be simulated."""
-        return MachineModel(
-            urdf=self.asset,
-            wheels=(),
-            mounts=self.resolved_mounts,
-            reference=self.reference,
-            rows_y_m=self.rows_y_m,
-            start=self.vehicle_start,
-            outline_m=self.outline_m,
-            drive=HandDrive,
-            fixed=self.fixed,
-            lift=self.lift,
-        )
+        return self._assembled(wheels=(), drive=HandDrive)

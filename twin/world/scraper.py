@@ -162,15 +162,4 @@ class ScraperConfig(MachineBaseConfig):
 
     def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the machine to be simulated."""
-        return MachineModel(
-            urdf=self.asset,
-            wheels=WHEELS,
-            mounts=self.resolved_mounts,
-            reference=self.reference,
-            rows_y_m=self.rows_y_m,
-            start=self.vehicle_start,
-            outline_m=self.outline_m,
-            drive=ScraperDrive,
-            lift=self.lift,
-            blade=self.blade,
-        )
+        return self._assembled(wheels=WHEELS, drive=ScraperDrive, blade=self.blade)

@@ -84,13 +84,4 @@ class TransplanterConfig(MachineBaseConfig):
 
     def model(self, seed: int) -> MachineModel:  # noqa: ARG002
         """Return the machine to be simulated."""
-        return MachineModel(
-            urdf=self.asset,
-            wheels=wheels(self.sunk_m),
-            mounts=self.resolved_mounts,
-            reference=self.reference,
-            rows_y_m=self.rows_y_m,
-            start=self.vehicle_start,
-            outline_m=self.outline_m,
-            drive=lambda urdf: TractorDrive(REAR_DRIVE, urdf),
-        )
+        return self._assembled(wheels=wheels(self.sunk_m), drive=lambda urdf: TractorDrive(REAR_DRIVE, urdf))
