@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -26,6 +27,8 @@ TURNING_RAD_S = 0.05
 
 FRESH_S = 4.0
 """Corrections that arrive are no older than this (paper 002, section 2.1: at most 4 s before the link was cut)."""
+_SETS = 1.5
+"""Nor than so many intervals of their sets, where these are far apart."""
 
 Styles = Mapping[float, tuple[str, entities.Colour]]
 """Label and colour of each value."""
@@ -107,10 +110,16 @@ def _draw_heading_filter(run: Run, sheet: Sheet, name: str, stream: Stream) -> N
             draw_lane(sheet, f"{name}_{_LANE_OF[column]}", stream.t_ns, np.round(found[:, 0]), styles)
 
 
+def _section(run: Run, table: str, name: str) -> dict[str, Any]:
+    """What the run's scenario says of a sensor or an estimator."""
+    section: dict[str, Any] = tomllib.loads(run.recording.scenario_toml).get(table, {}).get(name, {})
+    return section
+
+
 def _draw_mode(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
     """Draw what a height filter makes of its receiver, if that ever changes once it has a height."""
     found = run.columns(stream, _MODE, HEIGHT)
-    kind = tomllib.loads(run.recording.scenario_toml).get("estimators", {}).get(name, {}).get("kind")
+    kind = _section(run, "estimators", name).get("kind")
     if found is None or kind not in _MODES:
         return
     mode, knows = found[:, 0], np.isfinite(found).all(axis=1)
@@ -145,7 +154,9 @@ def _draw_field(run: Run, sheet: Sheet) -> None:
 
 def _draw_corrections(run: Run, sheet: Sheet, sensor: str, stream: Stream) -> None:
     """Draw whether corrections arrive, if that ever changes."""
-    stale = (~(run.column(stream, "age_s") <= FRESH_S)).astype(float)
+    told = _section(run, "sensors", sensor)
+    usual_s = _SETS * told.get("corrections_interval_s", 0.0) + told.get("corrections_delay_s", 0.0)
+    stale = (~(run.column(stream, "age_s") <= max(FRESH_S, usual_s))).astype(float)
     if len(np.unique(stale)) > 1:
         styles = {0.0: ("corrections arrive", entities.QUALITY_COLOURS[4]), 1.0: ("none", entities.FAULT_COLOUR)}
         draw_lane(sheet, f"{sensor}_corrections", stream.t_ns, stale, styles)
