@@ -119,7 +119,7 @@ def _section(run: Run, table: str, name: str) -> dict[str, Any]:
 def _draw_mode(run: Run, sheet: Sheet, name: str, stream: Stream) -> None:
     """Draw what a height filter makes of its receiver, if that ever changes once it has a height."""
     found = run.columns(stream, _MODE, HEIGHT)
-    kind = _section(run, "estimators", name).get("kind")
+    kind = _section(run, "estimators", name).get("kind", "")
     if found is None or kind not in _MODES:
         return
     mode, knows = found[:, 0], np.isfinite(found).all(axis=1)
