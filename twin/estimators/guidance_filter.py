@@ -16,6 +16,10 @@ position in a frame that is shifted by the receiver's error at the start; or ``"
 told since. A fix that is not later than the last one is not used. A minute after the last one it says nothing any more
 (mode 0), and starts anew with the next.
 
+**Without a gyro** the rate of turn is a state that wanders, and a headland turn, which begins from one fix to the next, is
+beyond what wanders. So where the receiver's velocity is not what the state expects, the machine may have turned: the
+covariance gets a change of rate at an unknown time since the last fix, and what that does to heading and place.
+
 Further columns: ``relative_sigma_e_m``, ``relative_sigma_n_m`` (how well the position is known but for the constant
 error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coasting_s``, 3 doubting the last fix),
 ``gated`` (1 where a fix was refused since the last output).
@@ -23,6 +27,7 @@ error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coas
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Literal
 
@@ -45,7 +50,10 @@ from twin.estimators.guidance_filter_kernels import told_state
 from twin.estimators.guidance_filter_model import (
     PSI,
     AntennaSeen,
+    B,
+    E,
     Layout,
+    N,
     SpanMotion,
     StandingRate,
     SteeredRate,
@@ -70,6 +78,7 @@ from twin.estimators.guidance_readers import (
 )
 from twin.estimators.heading_inputs import WHEEL_ENCODERS
 from twin.estimators.roles import GNSS, mount_arm
+from twin.geometry import turned
 from twin.signals import NS_PER_S, BoolArray, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
 KIND = "guidance_filter"
@@ -83,6 +92,8 @@ _SILENT_NS = 2 * NS_PER_S
 """Looking ahead no longer waits for sensors that have been silent for so long."""
 _UNORIENTED_RAD = 0.5
 """A heading that is less certain is none."""
+_OTHER_RATE_NIS = 9.2
+"""What the normalised square of a velocity's innovation exceeds in a hundredth of all cases."""
 _SHORT_NS = 200_000_000
 """Speed and rate of turn of the moment are means over so long."""
 _SPEED_NS = 400_000_000
@@ -297,6 +308,8 @@ class GuidanceFilter:
         )
         going = there & core.started & ~beginning
         self._orient(going & fast, way_speed, course)
+        if not self.layout.has_rate:
+            self._may_have_turned(fix, span, dt_s, going)
         if self._config.velocity:
             self._hear_velocity(fix, span, core.started & there)
         x = self.engine.x
@@ -327,16 +340,46 @@ class GuidanceFilter:
             P[mask, place, place] = sigma**2
         self.engine.restore(x, P)
 
-    def _hear_velocity(self, fix: Fix, span: Span, mask: BoolArray) -> None:
+    def _velocity(self, fix: Fix, span: Span, mask: BoolArray) -> tuple[Observation, FloatArray, FloatArray, BoolArray]:
+        """What is expected of the receiver's velocity, that (R, 2), its variances (R, 2), and who has one (R,)."""
         mask = mask & np.isfinite(fix.speed) & np.isfinite(fix.course)
         speed, course = np.where(mask, fix.speed, 0.0), np.where(mask, fix.course, 0.0)
-        z = np.stack([speed * np.cos(course), speed * np.sin(course)], axis=-1)
+        z = np.stack(turned(speed, 0.0, course), axis=-1)
         variance = self._velocity_m_s**2 + np.square(self._velocity_ratio * speed)
         forward, left = self._arm
         turning = self._turning(self.engine.x, span)
         seen = VelocitySeen(self.layout, span, turning=turning, forward_m=forward, left_m=left, lag_s=self._lag_s)
-        nis = self._update_robustly(seen, z, mask, np.repeat(variance[:, np.newaxis], 2, axis=1))
+        return seen, z, np.repeat(variance[:, np.newaxis], 2, axis=1), mask
+
+    def _hear_velocity(self, fix: Fix, span: Span, mask: BoolArray) -> None:
+        seen, z, variances, mask = self._velocity(fix, span, mask)
+        nis = self._update_robustly(seen, z, mask, variances)
         self._output.news.put("nis_velocity", nis, mask)
+
+    def _may_have_turned(self, fix: Fix, span: Span, dt_s: float, mask: BoolArray) -> None:
+        """Without a gyro, where the velocity is not what a machine that goes on as before would have, it may have begun
+        to turn, or ceased to, since the last fix: in the middle of that time on average.
+        """
+        seen, z, variances, mask = self._velocity(fix, span, mask)
+        engine, x = self.engine, self.engine.x
+        surprise = innovation(engine, AboutState(seen, x), z, variances)
+        mask = mask & (surprise.nis > _OTHER_RATE_NIS)
+        if not mask.any():
+            return
+        speed, rate = span.speed + x[:, V], self._config.noise.turn_change_rad_s
+        since_s = dt_s / math.sqrt(3.0)
+        change, unknown = np.zeros((2, *x.shape))
+        change[:, PSI], change[:, B] = since_s * rate, -rate
+        change[:, E], change[:, N] = turned(0.0, 0.5 * since_s**2 * rate * speed, x[:, PSI])
+        # for the same change of heading the machine has moved aside the farther, the earlier it began to turn; and for
+        # the same rate it has turned the farther
+        seen_rad = np.linalg.norm(surprise.y, axis=1) / np.maximum(np.abs(speed), self._config.course_from_m_s)
+        unknown[:, E], unknown[:, N] = turned(0.0, 0.25 * dt_s * seen_rad * speed, x[:, PSI])
+        P = engine.P.copy()
+        P[:, PSI, PSI] += np.where(mask, np.square(rate * dt_s) / 12.0, 0.0)
+        for vector in (change, unknown):
+            P += np.where(mask[:, np.newaxis, np.newaxis], vector[:, :, np.newaxis] * vector[:, np.newaxis], 0.0)
+        engine.restore(x, P)
 
     def _update_robustly(self, seen: Observation, z: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
         """Update; what is beyond the gate weighs no more than if it were at it. Return the normalised innovation."""

@@ -115,7 +115,13 @@ def span_noise(  # noqa: PLR0917
             Q[_PSI, _PSI, m] = (noise[HEADING_WALK] ** 2 if known[0, m] else silent) * dt_s
             if places[SCALE] >= 0:
                 Q[places[SCALE], places[SCALE], m] = noise[SCALE_WALK] ** 2 * dt_s
-        Q[_B, _B, m] = noise[BIAS_WALK] ** 2 * dt_s if has_rate else noise[TURN] ** 2 * (1.0 - by_rate**2)
+        if has_rate:
+            Q[_B, _B, m] = noise[BIAS_WALK] ** 2 * dt_s
+        else:  # the rate of turn changes all the time, not at the end of a span
+            change, turns = noise[TURN] ** 2 * (1.0 - by_rate**2), -dt_s * means[2, m]
+            Q[_B, _B, m] = change
+            Q[_PSI, _PSI, m] += change * turns**2 / 3.0
+            Q[_PSI, _B, m] = Q[_B, _PSI, m] = change * turns / 2.0
         walked = noise[ACCELERATION] ** 2 * dt_s
         Q[_V, _V, m] = (noise[SLIP] * speed) ** 2 * (1.0 - slip**2) if known[1, m] else walked
         for first, variance in (

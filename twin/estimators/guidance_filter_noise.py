@@ -32,6 +32,8 @@ class NoiseConfig(Config):
     """Rate of turn of a machine without a gyro."""
     turn_s: Positive = 2.0
     """How long that lasts."""
+    turn_change_rad_s: Positive = 0.5
+    """So much it may have begun to turn, or ceased to, where a velocity is not what was expected: a headland turn."""
     acceleration_m_s2_rthz: Positive = 1.0
     """Speed of a machine without a sensor of it walks by so much in a second."""
     slip_ratio: Positive = 0.01
