@@ -16,8 +16,8 @@ position in a frame that is shifted by the receiver's error at the start; or ``"
 told since. A fix that is not later than the last one is not used. A minute after the last one it says nothing any more
 (mode 0), and starts anew with the next.
 
-**Without a gyro** the rate of turn is a state that wanders, and a headland turn, which begins from one fix to the next, is
-beyond what wanders. So where the receiver's velocity is not what the state expects, the machine may have turned: the
+**Without a gyro** the rate of turn is a state that wanders, and a headland turn, which begins from one fix to the next,
+is beyond that. So where the receiver's velocity is not what the state expects, the machine may have turned: the
 covariance gets a change of rate at an unknown time since the last fix, and what that does to heading and place.
 
 Further columns: ``relative_sigma_e_m``, ``relative_sigma_n_m`` (how well the position is known but for the constant
@@ -27,7 +27,6 @@ error), ``mode`` (0 waiting for a fix, 1 tracking, 2 coasting: no fix for ``coas
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import Literal
 
@@ -38,9 +37,7 @@ from twin.estimators.engines import (
     AboutState,
     Engine,
     EngineOption,
-    Observation,
     compiled_unless_told,
-    innovation,
     make_engine,
 )
 from twin.estimators.guidance_base import STATE_COLUMNS, GuidanceOutput, SteeredConfig, guidance_sensors, transported
@@ -50,18 +47,15 @@ from twin.estimators.guidance_filter_kernels import told_state
 from twin.estimators.guidance_filter_model import (
     PSI,
     AntennaSeen,
-    B,
-    E,
     Layout,
-    N,
     SpanMotion,
     StandingRate,
     SteeredRate,
     V,
-    VelocitySeen,
 )
 from twin.estimators.guidance_filter_noise import MachineNoise, NoiseConfig
 from twin.estimators.guidance_filter_receiver import FixErrors
+from twin.estimators.guidance_filter_velocity import VelocityAid, update_robustly
 from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
     ANGLE_TRANSDUCER,
@@ -78,7 +72,6 @@ from twin.estimators.guidance_readers import (
 )
 from twin.estimators.heading_inputs import WHEEL_ENCODERS
 from twin.estimators.roles import GNSS, mount_arm
-from twin.geometry import turned
 from twin.signals import NS_PER_S, BoolArray, Estimate, EstimatorSetup, FloatArray, Measurement, SensorInfo
 
 KIND = "guidance_filter"
@@ -92,8 +85,6 @@ _SILENT_NS = 2 * NS_PER_S
 """Looking ahead no longer waits for sensors that have been silent for so long."""
 _UNORIENTED_RAD = 0.5
 """A heading that is less certain is none."""
-_OTHER_RATE_NIS = 9.2
-"""What the normalised square of a velocity's innovation exceeds in a hundredth of all cases."""
 _SHORT_NS = 200_000_000
 """Speed and rate of turn of the moment are means over so long."""
 _SPEED_NS = 400_000_000
@@ -153,10 +144,14 @@ class GuidanceFilter:
         steering_info = None if self._steering is None else self._steering.info
         rate_info = None if self._rate is None else self._rate.info
         self.noise = MachineNoise(config.noise, self.layout, rate=rate_info, steering=steering_info)
-        sheet = infos[GNSS].datasheet
-        self._velocity_m_s = sheet.get("speed_noise_m_s", 0.0) or config.noise.velocity_m_s
-        self._velocity_ratio = sheet.get("speed_noise_ratio", 0.0)
-        self._lag_s = sheet.get("velocity_lag_s", 0.0)
+        self._velocity = VelocityAid(
+            self.layout,
+            infos[GNSS].datasheet,
+            config.noise,
+            arm=self._arm,
+            course_from_m_s=config.course_from_m_s,
+            gate_sigmas=config.gates.sigmas,
+        )
         name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         nothing = np.zeros((setup.runs, self.layout.size))
         flat = np.repeat(np.eye(self.layout.size)[np.newaxis], setup.runs, axis=0)
@@ -263,15 +258,9 @@ class GuidanceFilter:
                 self.noise.motion,
                 span,
                 receiver=self.core.receiver,
-                turning=self._turning(engine.x, span),
+                turning=self._velocity.turning(engine.x, span),
             )
             engine.predict(motion, span.rate, span.dt_s)
-
-    def _turning(self, x: FloatArray, span: Span) -> FloatArray:
-        """Share (R,) of the rate of turn that counts."""
-        if self.layout.has_rate:
-            return np.ones(self._runs)
-        return np.minimum(np.abs(span.speed + x[:, V]) / self._config.course_from_m_s, 1.0)
 
     def _hear_machine(self, span: Span) -> None:
         """What gyro and steering say beside moving the filter, once per fix."""
@@ -291,15 +280,16 @@ class GuidanceFilter:
         loose = np.square(self._config.noise.steering_rad * bend * speed / self._wheelbase_m)
         loose *= max(self._config.noise.steering_s / span.dt_s, 1.0)  # the fixes of that time share it
         variance_of = (loose + self.noise.gyro.walk_noise**2 / span.dt_s)[:, np.newaxis]
-        seen = SteeredRate(self.layout, span, wheelbase_m=self._wheelbase_m)
-        nis = self._update_robustly(seen, span.rate[:, np.newaxis], mask, variance_of)
+        seen = AboutState(SteeredRate(self.layout, span, wheelbase_m=self._wheelbase_m), self.engine.x)
+        rate = span.rate[:, np.newaxis]
+        nis = update_robustly(self.engine, seen, rate, mask, variance_of, gate_sigmas=self._config.gates.sigmas)
         self._output.news.put("nis_steering", nis, mask)
 
     def _hear_fix(self, fix: Fix, span: Span, dt_s: float) -> None:
         core, there = self.core, fix.there
         error = self._errors.of(fix)
         way_speed, course = self._motion.of(fix)
-        fast = np.nan_to_num(way_speed) >= max(self._config.course_from_m_s, 3.0 * self._velocity_m_s)
+        fast = np.nan_to_num(way_speed) >= max(self._config.course_from_m_s, 3.0 * self._velocity.sigma_m_s)
         fast &= np.isfinite(course)
         heading = np.where(fast & ~np.isfinite(self._start_heading), course, self._start_heading)
         beginning = there & np.isfinite(heading) & ~core.started
@@ -309,9 +299,9 @@ class GuidanceFilter:
         going = there & core.started & ~beginning
         self._orient(going & fast, way_speed, course)
         if not self.layout.has_rate:
-            self._may_have_turned(fix, span, dt_s, going)
+            self._velocity.may_have_turned(self.engine, fix, span, dt_s, going)
         if self._config.velocity:
-            self._hear_velocity(fix, span, core.started & there)
+            self._output.news.put("nis_velocity", *self._velocity.hear(self.engine, fix, span, core.started & there))
         x = self.engine.x
         speed = span.speed + x[:, V]
         speeds = np.stack([speed * np.cos(x[:, PSI]), speed * np.sin(x[:, PSI])], axis=-1)
@@ -339,56 +329,6 @@ class GuidanceFilter:
             P[mask, place, :] = P[mask, :, place] = 0.0
             P[mask, place, place] = sigma**2
         self.engine.restore(x, P)
-
-    def _velocity(self, fix: Fix, span: Span, mask: BoolArray) -> tuple[Observation, FloatArray, FloatArray, BoolArray]:
-        """What is expected of the receiver's velocity, that (R, 2), its variances (R, 2), and who has one (R,)."""
-        mask = mask & np.isfinite(fix.speed) & np.isfinite(fix.course)
-        speed, course = np.where(mask, fix.speed, 0.0), np.where(mask, fix.course, 0.0)
-        z = np.stack(turned(speed, 0.0, course), axis=-1)
-        variance = self._velocity_m_s**2 + np.square(self._velocity_ratio * speed)
-        forward, left = self._arm
-        turning = self._turning(self.engine.x, span)
-        seen = VelocitySeen(self.layout, span, turning=turning, forward_m=forward, left_m=left, lag_s=self._lag_s)
-        return seen, z, np.repeat(variance[:, np.newaxis], 2, axis=1), mask
-
-    def _hear_velocity(self, fix: Fix, span: Span, mask: BoolArray) -> None:
-        seen, z, variances, mask = self._velocity(fix, span, mask)
-        nis = self._update_robustly(seen, z, mask, variances)
-        self._output.news.put("nis_velocity", nis, mask)
-
-    def _may_have_turned(self, fix: Fix, span: Span, dt_s: float, mask: BoolArray) -> None:
-        """Without a gyro, where the velocity is not what a machine that goes on as before would have, it may have begun
-        to turn, or ceased to, since the last fix: in the middle of that time on average.
-        """
-        seen, z, variances, mask = self._velocity(fix, span, mask)
-        engine, x = self.engine, self.engine.x
-        surprise = innovation(engine, AboutState(seen, x), z, variances)
-        mask = mask & (surprise.nis > _OTHER_RATE_NIS)
-        if not mask.any():
-            return
-        speed, rate = span.speed + x[:, V], self._config.noise.turn_change_rad_s
-        since_s = dt_s / math.sqrt(3.0)
-        change, unknown = np.zeros((2, *x.shape))
-        change[:, PSI], change[:, B] = since_s * rate, -rate
-        change[:, E], change[:, N] = turned(0.0, 0.5 * since_s**2 * rate * speed, x[:, PSI])
-        # for the same change of heading the machine has moved aside the farther, the earlier it began to turn; and for
-        # the same rate it has turned the farther
-        seen_rad = np.linalg.norm(surprise.y, axis=1) / np.maximum(np.abs(speed), self._config.course_from_m_s)
-        unknown[:, E], unknown[:, N] = turned(0.0, 0.25 * dt_s * seen_rad * speed, x[:, PSI])
-        P = engine.P.copy()
-        P[:, PSI, PSI] += np.where(mask, np.square(rate * dt_s) / 12.0, 0.0)
-        for vector in (change, unknown):
-            P += np.where(mask[:, np.newaxis, np.newaxis], vector[:, :, np.newaxis] * vector[:, np.newaxis], 0.0)
-        engine.restore(x, P)
-
-    def _update_robustly(self, seen: Observation, z: FloatArray, mask: BoolArray, R: FloatArray) -> FloatArray:
-        """Update; what is beyond the gate weighs no more than if it were at it. Return the normalised innovation."""
-        gate = self._config.gates.sigmas**2
-        seen = AboutState(seen, self.engine.x)
-        nis = innovation(self.engine, seen, z, R).nis
-        R = R * np.maximum(nis / gate, 1.0)[:, np.newaxis] ** 2
-        self.engine.update(seen, z, mask, R)
-        return nis
 
     # --- out ---------------------------------------------------------------------------------------------------------
 
