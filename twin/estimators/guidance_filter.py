@@ -298,9 +298,9 @@ class GuidanceFilter:
         )
         going = there & core.started & ~beginning
         self._orient(going & fast, way_speed, course)
-        if not self.layout.has_rate:
-            self._velocity.may_have_turned(self.engine, fix, span, dt_s, going)
         if self._config.velocity:
+            if not self.layout.has_rate:
+                self._velocity.may_have_turned(self.engine, fix, span, dt_s, going)
             self._output.news.put("nis_velocity", *self._velocity.hear(self.engine, fix, span, core.started & there))
         x = self.engine.x
         speed = span.speed + x[:, V]

@@ -15,6 +15,8 @@ from twin.estimators.guidance_readers import Fix
 from twin.geometry import turned
 from twin.signals import BoolArray, FloatArray
 
+_LONGEST_S = 2.0
+"""A turn that began longer ago is over, or shows in the heading anyway."""
 _OTHER_RATE_NIS = 9.2
 """What the normalised square of a velocity's innovation exceeds in a hundredth of all cases."""
 
@@ -83,6 +85,7 @@ class VelocityAid:
         if not mask.any():
             return
         speed, rate = span.speed + x[:, V], self._turn_change_rad_s
+        dt_s = min(dt_s, _LONGEST_S)
         since_s = dt_s / math.sqrt(3.0)
         change, unknown = np.zeros((2, *x.shape))
         change[:, PSI], change[:, B] = since_s * rate, -rate
