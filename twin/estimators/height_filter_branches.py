@@ -12,6 +12,9 @@ Each member has a *held* branch, which the estimate is taken from, and at times 
   receiver's height that has not moved since it was refused (a stuck output is right whenever the implement comes by,
   and for longer when it rests there) has to agree as long as one that contradicts.
 
+With the first fix that is refused those of the last second are in doubt, too: by what they have moved the state, it may
+be wrong, and its covariance says so.
+
 A candidate whose first fix contradicts the held branch is *contrary*: it begins without the held height, and has to
 last ``patience_s``, since a wrong fix may last for many seconds, or, if that is shorter, as long as the fixes
 on which the held branch rests had lasted. So no member locks itself out for good.
@@ -55,6 +58,8 @@ _ANY_ERROR = 100.0
 """Of a coarse position of which nothing is known, in standard deviations."""
 _DIGITS = 10.0
 """The range of some hundred samples of white noise is 5.5 to 6.5 standard deviations."""
+_LATELY_S = 1.0
+"""For so long it counts what a fix has done to the state; a choice."""
 _VAGUE_M = 10.0
 """Whoever knows the height no better than this has nothing to lose."""
 
@@ -106,13 +111,17 @@ class Beliefs:
     """When a vertical speed was last used, or none was there."""
     coarse_ns: IntArray
     """When a stretch of coarse positions last told where the height is, not only how it changes."""
+    moved: FloatArray
+    """(R, n) by how much fixes have lately moved the state of the held branch."""
 
     @classmethod
-    def none(cls, runs: int) -> Beliefs:
+    def none(cls, runs: int, size: int) -> Beliefs:
         """Before anything was heard."""
         never, no = np.full(runs, _NEVER, dtype=np.int64), np.zeros(runs, dtype=np.bool_)
         unknown = np.full(runs, np.nan)
-        return cls(never, never, no, unknown, unknown, no, no, never, never, unknown, never, never)
+        return cls(
+            never, never, no, unknown, unknown, no, no, never, never, unknown, never, never, np.zeros((runs, size))
+        )
 
 
 Snapshot = tuple[
@@ -144,7 +153,7 @@ class Branches:
     ) -> None:
         self.held, self.candidate, self.motion, self.level = held, candidate, motion, level
         self.profile, self.surface = profile, surface
-        self.beliefs = Beliefs.none(len(held.x))
+        self.beliefs = Beliefs.none(*held.x.shape)
         self.nis: dict[str, FloatArray] = {}
         """Normalised innovation squared (R,) of the last samples against the held branch, before gating."""
         self._receiver, self._gates = receiver, gates
@@ -344,12 +353,28 @@ class Branches:
         used_ns = np.where(straight, t_ns, beliefs.used_ns)
         on_trial = beliefs.on_trial & ~straight
         self.beliefs = replace(beliefs, used_ns=used_ns, since_ns=since, on_trial=on_trial)
-        self._doubt(reading, refused=fixed & ~passed, believed=straight)
+        refused = fixed & ~passed
+        self._suspect(refused & ~beliefs.doubted)
+        self._doubt(reading, refused=refused, believed=straight)
         tried = fixed & ~straight
         if tried.any():
             self._try(reading, observation, z, tried=tried, contrary=~passed)
         if straight.any():
+            before = self.held.x
             self.held.update(observation, z[:, np.newaxis], straight, observation.R)
+            kept = np.exp(-(t_ns - beliefs.used_ns) / (_LATELY_S * NS_PER_S))[:, np.newaxis]
+            moved = kept * beliefs.moved + (self.held.x - before)
+            self.beliefs = replace(self.beliefs, moved=np.where(straight[:, np.newaxis], moved, self.beliefs.moved))
+
+    def _suspect(self, members: BoolArray) -> None:
+        """With the first fix that is refused those just before it are in doubt: a height that creeps away from the true
+        one has moved the state before it was noticed. By as much the state may be wrong.
+        """
+        if not members.any():
+            return
+        moved = np.where(members[:, np.newaxis], self.beliefs.moved, 0.0)
+        self.held.restore(self.held.x, self.held.P + moved[:, :, np.newaxis] * moved[:, np.newaxis])
+        self.beliefs = replace(self.beliefs, moved=self.beliefs.moved - moved)
 
     def _doubt(self, reading: FixReading, *, refused: BoolArray, believed: BoolArray) -> None:
         """Keep in mind that fixes have been refused, and between which heights they have been since."""
