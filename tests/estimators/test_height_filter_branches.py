@@ -108,7 +108,7 @@ def test_a_stuck_height_is_noticed() -> None:
 
 
 def test_what_a_stuck_height_did_before_it_was_refused_is_in_doubt() -> None:
-    """Its digits move, so that it is not seen to be stuck; until the plate has left it, it draws the state to itself."""
+    """Its digits move, so that nobody sees it stand still; until the plate has left it, it draws the state."""
     fault = {"kind": "stuck", "columns": ["position_u_m"], "noise": 0.001, "from_s": BEGIN_S, "to_s": BEGIN_S + 15.0}
     found = honesty(through(fault, end_s=BEGIN_S + 15.0, members=300), BEGIN_S)
     assert found.inside >= 0.985

@@ -24,7 +24,8 @@ import numpy as np
 from twin.config import Config, Names, NonNegative, Positive
 from twin.errors import BadInputError
 from twin.estimators.engines import EngineName, make_engine
-from twin.estimators.height_filter_branches import Branches, GatesConfig, Snapshot
+from twin.estimators.height_filter_beliefs import GatesConfig
+from twin.estimators.height_filter_branches import Branches, Snapshot
 from twin.estimators.height_filter_kernels import spread
 from twin.estimators.height_filter_levers import Lever
 from twin.estimators.height_filter_model import B0, B1, C, Layout, SlowError, SpanMotion

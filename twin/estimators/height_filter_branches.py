@@ -12,8 +12,8 @@ Each member has a *held* branch, which the estimate is taken from, and at times 
   receiver's height that has not moved since it was refused (a stuck output is right whenever the implement comes by,
   and for longer when it rests there) has to agree as long as one that contradicts.
 
-With the first fix that is refused those of the last second are in doubt, too: by what they have moved the state, it may
-be wrong, and its covariance says so.
+Where the first fix that is refused is not far beyond the gate, its height may have crept away from the true one: by
+what the fixes of the last second have moved the state, it may be wrong, and its covariance says so.
 
 A candidate whose first fix contradicts the held branch is *contrary*: it begins without the held height, and has to
 last ``patience_s``, since a wrong fix may last for many seconds, or, if that is shorter, as long as the fixes
@@ -28,12 +28,12 @@ accelerometer is wrong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from twin.config import Config, NonNegative, Positive
 from twin.estimators.engines import Engine
+from twin.estimators.height_filter_beliefs import NEVER, Beliefs, GatesConfig
 from twin.estimators.height_filter_model import (
     B0,
     B1,
@@ -49,79 +49,20 @@ from twin.estimators.height_filter_profile import ProfileAid, ProfileState
 from twin.estimators.height_filter_receiver import FixReading, HeightReceiver
 from twin.estimators.height_filter_surface import SurfaceAid, SurfaceState
 from twin.estimators.height_filter_tilt import LevelFilter, LevelSnapshot
-from twin.signals import LEVEL_WITHIN_M, NS_PER_S, BoolArray, FloatArray, IntArray
+from twin.signals import NS_PER_S, BoolArray, FloatArray, IntArray
 
 WAITING, TRACKING, COASTING, PROBATION, CONTRADICTED = range(5)
 """Modes: no fix yet; fixes are used; none is; fixes are on probation; fixes contradict what is held."""
-_NEVER = -(2**62)
 _ANY_ERROR = 100.0
 """Of a coarse position of which nothing is known, in standard deviations."""
 _DIGITS = 10.0
 """The range of some hundred samples of white noise is 5.5 to 6.5 standard deviations."""
 _LATELY_S = 1.0
 """For so long it counts what a fix has done to the state; a choice."""
+_CREEPING = 2.0
+"""A fix that is refused within so many half widths of the gate has crept there; a choice."""
 _VAGUE_M = 10.0
 """Whoever knows the height no better than this has nothing to lose."""
-
-
-class GatesConfig(Config):
-    """What is believed, and after how long."""
-
-    sigmas: Positive = 4.0
-    """Half the width of the gates, in standard deviations of the innovation."""
-    unbroken_s: NonNegative = 0.35
-    """Fixes that follow one another so fast come without a break: at 10 Hz two may be lost."""
-    harmless_m: NonNegative = LEVEL_WITHIN_M
-    """A gate narrower than this does no harm, whatever passes it: the limit for levelling (TD/T 1033-2012)."""
-    probation_s: NonNegative = 1.2
-    """How long fixes have to agree before they are believed again."""
-    patience_s: Positive = 20.0
-    """How long fixes that contradict what is held have to agree before they are believed."""
-    memory_s: Positive = 1.0
-    """After a longer break a candidate starts anew."""
-    speed_patience_s: Positive = 2.0
-    """How long a vertical speed is refused that nothing but the accelerometer speaks against."""
-
-
-@dataclass(frozen=True, slots=True)
-class Beliefs:
-    """What branches remember of R members beside their states. Arrays are replaced, never changed in place."""
-
-    used_ns: IntArray
-    """When a fix was last used in the held branch."""
-    since_ns: IntArray
-    """Since when fixes have borne it out."""
-    doubted: BoolArray
-    """Whether a fix has been refused since fixes were last believed."""
-    lowest_m: FloatArray
-    """Lowest of the receiver's own heights since then."""
-    highest_m: FloatArray
-    """The highest."""
-    on_trial: BoolArray
-    """Whether there is a candidate."""
-    contrary: BoolArray
-    """Whether it contradicts."""
-    trial_ns: IntArray
-    """Its first fix."""
-    heard_ns: IntArray
-    """Its last fix."""
-    quality: FloatArray
-    """State of the last position; NaN before."""
-    speed_ns: IntArray
-    """When a vertical speed was last used, or none was there."""
-    coarse_ns: IntArray
-    """When a stretch of coarse positions last told where the height is, not only how it changes."""
-    moved: FloatArray
-    """(R, n) by how much fixes have lately moved the state of the held branch."""
-
-    @classmethod
-    def none(cls, runs: int, size: int) -> Beliefs:
-        """Before anything was heard."""
-        never, no = np.full(runs, _NEVER, dtype=np.int64), np.zeros(runs, dtype=np.bool_)
-        unknown = np.full(runs, np.nan)
-        return cls(
-            never, never, no, unknown, unknown, no, no, never, never, unknown, never, never, np.zeros((runs, size))
-        )
 
 
 Snapshot = tuple[
@@ -209,7 +150,7 @@ class Branches:
         tracking = t_ns - beliefs.used_ns <= self._unbroken_ns + NS_PER_S // 2
         on_trial = beliefs.on_trial & (t_ns - beliefs.heard_ns <= self._memory_ns + NS_PER_S // 2)
         known = np.where(tracking, TRACKING, np.where(on_trial, trial, COASTING))
-        modes: IntArray = np.where((beliefs.used_ns == _NEVER) & ~on_trial, WAITING, known).astype(np.int64)
+        modes: IntArray = np.where((beliefs.used_ns == NEVER) & ~on_trial, WAITING, known).astype(np.int64)
         return modes
 
     # --- what the receiver says --------------------------------------------------------------------------------------
@@ -263,7 +204,7 @@ class Branches:
             weights[layout.speed] = reading.diluted
         observation = SumOfStates(weights, np.square(sheet.white_m_s * reading.diluted), size=layout.size)
         quiet = np.maximum(beliefs.speed_ns, beliefs.used_ns)
-        lost = known & (quiet > _NEVER) & (reading.t_ns - quiet > self._speed_patience_ns)
+        lost = known & (quiet > NEVER) & (reading.t_ns - quiet > self._speed_patience_ns)
         for branch, members in self._both():
             y, S = observation.innovation(branch.x, branch.P, z)
             passed = np.square(y) <= self._gate * S
@@ -354,7 +295,8 @@ class Branches:
         on_trial = beliefs.on_trial & ~straight
         self.beliefs = replace(beliefs, used_ns=used_ns, since_ns=since, on_trial=on_trial)
         refused = fixed & ~passed
-        self._suspect(refused & ~beliefs.doubted)
+        # what jumps was right before, what creeps is refused as soon as it is past the gate
+        self._suspect(refused & ~beliefs.doubted & (np.square(y) <= _CREEPING**2 * self._gate * S))
         self._doubt(reading, refused=refused, believed=straight)
         tried = fixed & ~straight
         if tried.any():
@@ -364,17 +306,15 @@ class Branches:
             self.held.update(observation, z[:, np.newaxis], straight, observation.R)
             kept = np.exp(-(t_ns - beliefs.used_ns) / (_LATELY_S * NS_PER_S))[:, np.newaxis]
             moved = kept * beliefs.moved + (self.held.x - before)
-            self.beliefs = replace(self.beliefs, moved=np.where(straight[:, np.newaxis], moved, self.beliefs.moved))
+            self.beliefs = replace(self.beliefs, moved=np.where(straight[:, np.newaxis], moved, beliefs.moved))
 
     def _suspect(self, members: BoolArray) -> None:
-        """With the first fix that is refused those just before it are in doubt: a height that creeps away from the true
-        one has moved the state before it was noticed. By as much the state may be wrong.
+        """A height that creeps away from the true one has moved the state before its first fix was refused. By as much
+        the state may be wrong.
         """
-        if not members.any():
-            return
-        moved = np.where(members[:, np.newaxis], self.beliefs.moved, 0.0)
-        self.held.restore(self.held.x, self.held.P + moved[:, :, np.newaxis] * moved[:, np.newaxis])
-        self.beliefs = replace(self.beliefs, moved=self.beliefs.moved - moved)
+        if members.any():
+            moved = np.where(members[:, np.newaxis], self.beliefs.moved, 0.0)
+            self.held.restore(self.held.x, self.held.P + moved[:, :, np.newaxis] * moved[:, np.newaxis])
 
     def _doubt(self, reading: FixReading, *, refused: BoolArray, believed: BoolArray) -> None:
         """Keep in mind that fixes have been refused, and between which heights they have been since."""
@@ -421,7 +361,7 @@ class Branches:
             self._promote(won, observation, z, t_ns)
 
     def _needed_ns(self, beliefs: Beliefs) -> IntArray:
-        borne_out = np.where(beliefs.used_ns == _NEVER, 0, beliefs.used_ns - beliefs.since_ns)
+        borne_out = np.where(beliefs.used_ns == NEVER, 0, beliefs.used_ns - beliefs.since_ns)
         contrary = np.clip(borne_out, self._probation_ns, self._patience_ns)
         needed: IntArray = np.where(beliefs.contrary | self._stands_still(beliefs), contrary, self._probation_ns)
         return needed
