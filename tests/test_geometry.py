@@ -37,6 +37,17 @@ def test_rotations_agree_with_scipy(roll: float, pitch: float, yaw: float) -> No
     np.testing.assert_allclose(back, (roll, pitch, yaw), atol=1e-7)
 
 
+@given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), angles)
+def test_level_vectors_turn_as_rotations_do(forward: float, left: float, heading: float) -> None:
+    east, north = geometry.turned(forward, left, heading)
+    oracle = geometry.rotation_from_rpy(0.0, 0.0, heading) @ (forward, left, 0.0)
+    np.testing.assert_allclose((east, north), oracle[:2], atol=1e-12)
+    by_heading = np.subtract(
+        geometry.turned(forward, left, heading + 1e-6), geometry.turned(forward, left, heading - 1e-6)
+    )
+    np.testing.assert_allclose(by_heading / 2e-6, (-north, east), atol=1e-6)
+
+
 @pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (1e-9, 0.0, 0.0), (0.3, -0.2, 0.5), (0.0, 3.0, -1.0)])
 def test_rotation_about_an_axis_agrees_with_scipy(vector: tuple[float, float, float]) -> None:
     np.testing.assert_allclose(geometry.rotation_about(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
