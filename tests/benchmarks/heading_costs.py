@@ -105,11 +105,17 @@ class Cost:
     """Largest at any time."""
 
 
-def cost(name: str) -> Cost:
-    """Measure a filter: the quickest of some rounds (others share the machine), then its memory."""
-    one, many = work(name, runs=1), work(name, runs=100)
-    update_us = _quickest_s(one) / UPDATES * 1e6
-    member_us = _quickest_s(many) / UPDATES / 100 * 1e6
+def measured() -> dict[str, Cost]:
+    """Measure all filters: the quickest of some rounds, in which they take turns (others share the machine)."""
+    tasks = {(name, runs): work(name, runs=runs) for name in FILTERS for runs in (1, 100)}
+    for task in tasks.values():
+        task.do()
+    rounds = [{key: _cpu_s(task) for key, task in tasks.items()} for _ in range(ROUNDS)]
+    least_us = {key: min(each[key] for each in rounds) / UPDATES * 1e6 for key in tasks}
+    return {name: _cost(tasks[name, 1], least_us[name, 1], least_us[name, 100] / 100) for name in FILTERS}
+
+
+def _cost(one: Work, update_us: float, member_us: float) -> Cost:
     gc.collect()
     tracemalloc.start()
     estimator = one.do()
@@ -120,14 +126,10 @@ def cost(name: str) -> Cost:
     return Cost(update_us=update_us, member_us=member_us, held_bytes=held, peak_bytes=peak)
 
 
-def _quickest_s(task: Work) -> float:
+def _cpu_s(task: Work) -> float:
+    started = time.process_time()
     task.do()
-    found = []
-    for _ in range(ROUNDS):
-        started = time.perf_counter()
-        task.do()
-        found.append(time.perf_counter() - started)
-    return min(found)
+    return time.process_time() - started
 
 
 def table(costs: dict[str, Cost]) -> str:
@@ -149,4 +151,4 @@ def table(costs: dict[str, Cost]) -> str:
 
 
 if __name__ == "__main__":
-    print(table({name: cost(name) for name in FILTERS}))
+    print(table(measured()))
