@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import traceback
-from types import FrameType
+
+from twin.cli import interrupts
 
 EXIT_OK, EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
-
-
-def _terminated(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def main() -> None:
@@ -20,20 +16,21 @@ def main() -> None:
     0 all checks hold; 1 a check failed or a baseline drifted; 2 bad input; 3 an error of ours, with traceback;
     130 interrupted.
     """
-    signal.signal(signal.SIGTERM, _terminated)
+    interrupts.listen()
     try:
         code = _run()
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
         code = EXIT_INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()
         code = EXIT_OK
+    if code == EXIT_INTERRUPTED:
+        print("interrupted", file=sys.stderr)
     sys.exit(code)
 
 
 def _run() -> int:
-    import typer  # noqa: PLC0415  (loaded after the signal handler is in place)
+    import typer  # noqa: PLC0415  (loaded after the signal handlers are in place)
 
     from twin.cli.app import app  # noqa: PLC0415
     from twin.errors import TwinError  # noqa: PLC0415
@@ -54,6 +51,8 @@ def _run() -> int:
     except (KeyboardInterrupt, BrokenPipeError):
         raise
     except Exception:
+        if interrupts.interrupted():
+            return EXIT_INTERRUPTED
         traceback.print_exc()
         print("This is an error in agtwin, not in your input. Please report it with the lines above.", file=sys.stderr)
         return EXIT_INTERNAL
