@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.scoring.riccati import known_after
 from twin.signals import FloatArray
 
 _X, _Y, _PSI, _B, _G, _K, _C, _J = 0, 1, 2, 3, 4, 5, 6, 8
@@ -234,7 +235,7 @@ class _Model:
                 Q[each, each] = sigma**2 * (1.0 - kept * kept)
         P = F @ P @ F.T + Q
         if speed == 0.0 and errors.gyro_rad_rts is not None and errors.gyro_bias_rad_s > 0.0:
-            P = _update(P, {_B: 1.0}, errors.gyro_rad_rts / math.sqrt(T))
+            P = known_after(P, {_B: 1.0}, errors.gyro_rad_rts / math.sqrt(T))
         return self._see(P, *self._motion(t_s))
 
     def _see(self, P: FloatArray, speed: float, heading: float, rate: float) -> FloatArray:
@@ -243,7 +244,7 @@ class _Model:
         along, aside = (math.cos(heading), math.sin(heading)), (-math.sin(heading), math.cos(heading))
         for axis in range(2):
             seen = {axis: 1.0, _PSI: arm * aside[axis], _C + axis: 1.0, _J + axis: 1.0}
-            P = _update(P, seen, errors.white_m)
+            P = known_after(P, seen, errors.white_m)
         if errors.velocity_m_s is not None and speed > 0.0:
             for axis in range(2):
                 moving = {
@@ -252,13 +253,5 @@ class _Model:
                     _B: -arm * aside[axis],
                     _G: arm * rate * aside[axis],
                 }
-                P = _update(P, moving, errors.velocity_m_s)
+                P = known_after(P, moving, errors.velocity_m_s)
         return P
-
-
-def _update(P: FloatArray, weights: dict[int, float], white: float) -> FloatArray:
-    h = np.zeros(len(P))
-    h[list(weights)] = list(weights.values())
-    PHt = P @ h
-    P = P - np.outer(PHt, PHt) / (h @ PHt + white**2)
-    return 0.5 * (P + P.T)

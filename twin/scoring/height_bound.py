@@ -27,6 +27,7 @@ import numpy as np
 
 from twin.scenario import Scenario
 from twin.scoring.height_supply import Fixes, Lesser, Seen, supply_of
+from twin.scoring.riccati import known_after
 from twin.sensors.ahrs import AhrsConfig
 from twin.sensors.gnss_config import GnssConfig
 from twin.signals import LEVEL_WITHIN_M, FloatArray
@@ -162,14 +163,14 @@ class _Model:
         if seen.fix_age_s is not None:
             fix = errors.fix
             weights = {_H: 1.0, _C: dilution * fix.correlated_m, _D: fix.age_drift_m_s * seen.fix_age_s}
-            P = _update(P, weights, dilution * fix.white_m)
+            P = known_after(P, weights, dilution * fix.white_m)
         if lesser is not None:
             if lesser.name not in self._lesser:
                 P = self._meet(lesser, P)
             weights = {_H: 1.0, self._lesser[lesser.name]: dilution * lesser.correlated_m}
-            P = _update(P, weights, dilution * lesser.white_m)
+            P = known_after(P, weights, dilution * lesser.white_m)
         if seen.speed and errors.speed_white_m_s is not None:
-            P = _update(P, {_V: 1.0, _S: dilution}, dilution * errors.speed_white_m_s)
+            P = known_after(P, {_V: 1.0, _S: dilution}, dilution * errors.speed_white_m_s)
         return P
 
     def _meet(self, lesser: Lesser, P: FloatArray) -> FloatArray:
@@ -185,14 +186,6 @@ def _grown(matrix: FloatArray, corner: float) -> FloatArray:
     grown = np.pad(matrix, (0, 1))
     grown[-1, -1] = corner
     return grown
-
-
-def _update(P: FloatArray, weights: dict[int, float], white: float) -> FloatArray:
-    h = np.zeros(len(P))
-    h[list(weights)] = list(weights.values())
-    PHt = P @ h
-    P = P - np.outer(PHt, PHt) / (h @ PHt + white**2)
-    return 0.5 * (P + P.T)
 
 
 # --- of a scenario ---------------------------------------------------------------------------------------------------
