@@ -49,7 +49,8 @@ class NmeaStyle(Config):
     station: Annotated[int, Field(ge=0, le=4095)] = 0
     """Identifier of the reference station, told where there are corrections."""
     rtk_modes: bool = True
-    """Tell RTK fixed and float by the modes R and F of RMC and VTG; before version 2.3 both are D."""
+    """Tell RTK fixed and float by the modes R and F of RMC and VTG. Without, both are D, as receivers of NMEA 2.3 to
+    4.x write that know neither; the field of the mode, which came with version 2.3, is there in any case."""
     start_utc: str = "2026-04-01T08:00:00Z"
     """Date and time of the run's time zero."""
     imu: str | None = None
