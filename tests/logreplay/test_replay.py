@@ -83,6 +83,16 @@ def test_a_consistent_filter_is_found_consistent_white_and_honest() -> None:
     assert found["walk.smoothness.rms_acceleration_m_s2"] < 0.6 * found["gnss.smoothness.rms_acceleration_m_s2"]
 
 
+def test_a_sigma_of_zero_claims_nothing() -> None:
+    noisy, truth = walk_log(200)
+    sent = [fix(t, *each.values[0, :2].tolist(), sigma_m=float(t % 2)) for t, each in enumerate(noisy.measurements())]
+    told = [fix(t, *each.values[0, :2].tolist(), sigma_m=0.1) for t, each in enumerate(truth.measurements())]
+    found = replayed(MadeUpLog(sent), reference=MadeUpLog(told, name="truth")).metrics
+    assert found["gnss.reference.epochs"] == 200.0
+    # Of the half that claims something, errors are about as large as claimed.
+    assert found["gnss.reference.error_over_sigma"] == pytest.approx(1.0, abs=0.2)
+
+
 def test_a_covariance_that_is_announced_and_not_told_is_unknown(tmp_path: Path) -> None:
     class Announced(Walk):
         state_columns = ("position_e_m", "position_n_m")

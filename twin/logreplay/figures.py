@@ -50,8 +50,8 @@ class Figures:
         if reference is None:
             return None
         track = Track.of(stream)
-        sigmas = [_column(stream, name) for name in _RECEIVER_SIGMAS]
-        claimed = sigmas[0] ** 2, np.zeros(len(stream)), sigmas[1] ** 2
+        east, north = (_claimed_variance(_column(stream, name)) for name in _RECEIVER_SIGMAS)
+        claimed = east, np.zeros(len(stream)), north
         found = _differences((track.east_m, track.north_m), claimed, reference)
         self._references[self._receiver].add(found, _column(stream, "quality"), reference.fixed)
         return _errors(stream, found)
@@ -113,6 +113,12 @@ class Figures:
 
 def _column(stream: Stream, name: str) -> FloatArray:
     return stream.column(name)[:, 0] if stream.has(name) else np.full(len(stream), math.nan)
+
+
+def _claimed_variance(sigma: FloatArray) -> FloatArray:
+    """Of what a receiver reports, m^2: zero, as receivers write where they have none, is no claim (NaN)."""
+    variance: FloatArray = np.where(sigma > 0.0, sigma, math.nan) ** 2
+    return variance
 
 
 def _differences(
