@@ -167,6 +167,17 @@ def test_a_bad_line_is_counted_by_kind_and_the_good_ones_around_it_are_kept(
     assert log.problems == {kind: 1}
 
 
+@pytest.mark.parametrize("word", ["nan", "-nan(ind)", "1.#IND", "inf", "****"])
+def test_columns_of_which_no_use_is_made_may_hold_anything(word: str, tmp_path: Path) -> None:
+    words = row(1).split()
+    # covariances and the ratio
+    log = open_log(write(tmp_path, DEGREES, row(0), " ".join([*words[:10], *[word] * 3, words[13], word]), row(2)))
+    found = list(log.measurements())
+    assert [each.t_ns for each in found] == [0, 10**9, 2 * 10**9]
+    np.testing.assert_array_equal(found[1].values, found[0].values)
+    assert not log.problems
+
+
 def test_lines_before_the_header_cannot_be_read(tmp_path: Path) -> None:
     log = open_log(write(tmp_path, row(0), DEGREES, row(1)))
     assert len(list(log.measurements())) == 1

@@ -129,9 +129,9 @@ class _Row:
         if len(words) < layout.least:
             raise BadLineError(MISSING)
         self.utc_ns = _time_ns(words[0], words[1], layout.ahead_s)
-        self._numbers = [0.0, 0.0, *map(number, words[2:])]
+        self._words = words
         self._index = layout.index
-        place = layout.place(self._numbers[2 : 2 + layout.count])
+        place = layout.place([number(word) for word in words[2 : 2 + layout.count]])
         quality = QUALITIES.get(int(self._told("q", -1.0, 99.0)))
         if quality is None:
             raise BadLineError(OUT_OF_RANGE)
@@ -153,12 +153,9 @@ class _Row:
     def _told(self, name: str, low: float, high: float) -> float:
         """A column; NaN where the file has none."""
         index = self._index.get(name)
-        if index is None or index >= len(self._numbers):
+        if index is None or index >= len(self._words):
             return math.nan
-        value = self._numbers[index]
-        if not low <= value <= high:
-            raise BadLineError(OUT_OF_RANGE)
-        return value
+        return number(self._words[index], low, high)
 
 
 class RtklibLog:
