@@ -178,6 +178,15 @@ def test_columns_of_which_no_use_is_made_may_hold_anything(word: str, tmp_path: 
     assert not log.problems
 
 
+@pytest.mark.parametrize(("heights", "told"), [("WGS84/ellipsoidal", 0), ("WGS84/geodetic", 1), ("Tokyo/geodetic", 1)])
+def test_heights_above_a_geoid_that_nobody_tells_are_said_to_be(heights: str, told: int, tmp_path: Path) -> None:
+    header = f"% (lat/lon/height={heights},Q=1:fix,2:float,3:sbas,4:dgps,5:single,6:ppp,ns=# of satellites)"
+    log = open_log(write(tmp_path, "% inp file  : C:\\wgs84/geodetic\\rover.obs", header, DEGREES, row(0), row(1)))
+    assert len(list(log.measurements())) == 2
+    assert log.origin.height_m == 1500.0
+    assert log.problems == ({"heights above an unknown geoid": told} if told else {})
+
+
 def test_lines_before_the_header_cannot_be_read(tmp_path: Path) -> None:
     log = open_log(write(tmp_path, row(0), DEGREES, row(1)))
     assert len(list(log.measurements())) == 1

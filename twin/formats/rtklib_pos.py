@@ -4,11 +4,15 @@ Time is GPST, UTC or JST, as week and seconds or as a date; a position is latitu
 minutes and seconds) with the ellipsoidal height, or x, y, z. GPS time is ahead of UTC by the leap seconds since 1980.
 Baselines (east, north, up) have no place on the globe and are not read.
 
+Heights may be above the sea ("geodetic" in the header) instead of above the ellipsoid. The geoid is not in the file:
+such heights are taken for the ellipsoid's, as those of sentences without a separation are, and ``ABOVE_SEA`` is
+counted once for each header that says so. In the plane, 10 m of geoid are 1.6 mm a kilometre.
+
 RTKLIB's Q is not NMEA's quality: 1 fixed is 4, 2 float is 5, 3 SBAS and 4 differential are 2, 5 single is 1, 6 PPP is 3
 (NMEA's "precise"), 7 dead reckoning is 6, 0 none is 0. Its age is that of the corrections; of ratio and covariances
 no use is made, nor of the sigmas and velocities of x, y, z.
 
-Source: RTKLIB manual, version 2.4.2, appendix B.1.
+Source: RTKLIB manual, version 2.4.2, appendix B.1; the header's words for heights: its solution.c.
 """
 
 from __future__ import annotations
@@ -32,7 +36,10 @@ from twin.formats.log_head import LogHead, origin_of, receiver_info
 from twin.signals import NS_PER_S, Measurement, SensorInfo
 
 QUALITIES = {0: 0, 1: 4, 2: 5, 3: 2, 4: 2, 5: 1, 6: 3, 7: 6}
+ABOVE_SEA = "heights above an unknown geoid"
 _WEEK_S = 604_800
+_GEODETIC = (b"lat/lon/height=", b"/geodetic")
+"""Of the header's line that says that heights are above the sea: its begin, and what tells so."""
 _PLACES = {
     ("latitude(deg)", "longitude(deg)", "height(m)"): (3, "degrees"),
     ("latitude(d'\")", "longitude(d'\")", "height(m)"): (7, "sexagesimal"),
@@ -201,6 +208,8 @@ class RtklibLog:
         for line in lines_of(self.path, problems):
             try:
                 if line.startswith(b"%"):
+                    if _tells_geodetic(line):
+                        problems[ABOVE_SEA] += 1
                     layout = _layout(line) or layout
                     continue
                 row = _row(line, layout)
@@ -217,6 +226,12 @@ def _row(line: bytes, layout: _Layout | None) -> _Row:
     if layout is None:
         raise BadLineError(NO_HEADER)
     return _Row(line, layout)
+
+
+def _tells_geodetic(line: bytes) -> bool:
+    """Whether a header's line says that heights are above the sea."""
+    begin, end = _GEODETIC
+    return line.lstrip(b"% (").startswith(begin) and end in line
 
 
 def _layout(line: bytes) -> _Layout | None:
