@@ -327,6 +327,35 @@ def test_a_bad_line_is_counted_by_kind_and_the_good_ones_around_it_are_kept(
     assert problems == {kind: 1}
 
 
+@pytest.mark.parametrize(
+    ("angles", "kind"),
+    [
+        ("4404.13,,12118.87,W", "missing fields"),
+        ("4404.13,N,12118.87,", "missing fields"),
+        (",,,", "missing fields"),
+        ("4475.0,N,12118.87,W", "out of range"),
+        ("-4404.13,N,12118.87,W", "out of range"),
+        ("4404.13,N,-12118.87,W", "out of range"),
+        ("4404.13,W,12118.87,N", "out of range"),
+        ("9100.00,N,12118.87,W", "out of range"),
+        ("4404.13,N,18100.00,W", "out of range"),
+    ],
+)
+@pytest.mark.parametrize(
+    "body",
+    [
+        "GNGNS,120001.00,{},RF,15,0.6,100.0,20.0,1.5,0000",
+        "GNGLL,{},120001.00,A,D",
+        "GNRMC,120001.00,A,{},3.5,45.0,010426,,,R",
+        "GNGGA,120001.00,{},4,12,0.7,100.0,M,20.0,M,1.0,0000",
+    ],
+)
+def test_every_sentence_has_whole_angles_or_no_place(body: str, angles: str, kind: str, tmp_path: Path) -> None:
+    found, problems = read(write_log(tmp_path, gga("120000.00"), body.format(angles), gga("120002.00")))
+    assert [each.t_ns for each in found] == [0, 2 * 10**9]
+    assert problems == {kind: 1}
+
+
 def test_sentences_are_found_between_other_bytes_and_other_sentences_are_no_problem(tmp_path: Path) -> None:
     path = tmp_path / "log.nmea"
     path.write_bytes(

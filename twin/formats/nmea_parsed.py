@@ -1,4 +1,8 @@
-"""Sentences that come seldom, read by pynmeagps: GNS, GLL and ZDA."""
+"""Sentences that come seldom: GNS, GLL and ZDA, read by pynmeagps but for latitude and longitude.
+
+Those are read from the fields, as everywhere: pynmeagps takes minutes beyond 60, signs within angles and missing
+hemispheres.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from pynmeagps import NMEAMessageError, NMEAParseError, NMEAReader, NMEATypeErro
 from twin.formats.bad_lines import MISSING, NOT_A_NUMBER, OUT_OF_RANGE, BadLineError
 from twin.formats.dates import day_of
 from twin.formats.nmea import MODES, NAN
-from twin.formats.nmea_epoch import BY_GLL, BY_GNS, HIGHEST_M, LOWEST_M, Epoch, take_height, take_place
+from twin.formats.nmea_epoch import BY_GLL, BY_GNS, HIGHEST_M, LOWEST_M, Epoch, angles_of, take_height, take_place
 
 
 def _parsed(fields: Sequence[bytes]) -> Any:
@@ -42,7 +46,7 @@ def read_gns(epoch: Epoch, fields: Sequence[bytes]) -> None:
         raise BadLineError(MISSING)
     message = _parsed(fields)
     quality = best_mode(fields[6])
-    latitude, longitude = _told(message, "lat", -90.0, 90.0), _told(message, "lon", -180.0, 180.0)
+    latitude, longitude = angles_of(fields, 2) if quality else (NAN, NAN)
     height, geoid = _told(message, "alt", LOWEST_M, HIGHEST_M), _told(message, "sep", -200.0, 200.0)
     satellites, hdop = _told(message, "numSV", 0, 999), _told(message, "HDOP", 0.0, 9_999.0)
     age = _told(message, "diffAge", 0.0, 1e6)
@@ -64,10 +68,9 @@ def read_gll(epoch: Epoch, fields: Sequence[bytes]) -> None:
     """Position alone."""
     if len(fields) < 7:
         raise BadLineError(MISSING)
-    message = _parsed(fields)
     mode = fields[7] if len(fields) > 7 else b""
     quality = MODES.get(mode, 1) if fields[6] == b"A" else 0
-    latitude, longitude = _told(message, "lat", -90.0, 90.0), _told(message, "lon", -180.0, 180.0)
+    latitude, longitude = angles_of(fields, 1) if quality else (NAN, NAN)
     take_place(epoch, BY_GLL, latitude, longitude, quality)
 
 

@@ -1,8 +1,8 @@
 """What single sentences say: each reader writes what a sentence tells into the epoch it belongs to.
 
 GGA, RMC, VTG, GST and GSA are split here, because a log consists of them: pynmeagps takes 51 us for a sentence, which
-is 7 s for an hour at 10 Hz (144 000 of them); this takes 9 us with all that is made of it. GNS, GLL and ZDA are left to
-pynmeagps (:mod:`twin.formats.nmea_parsed`). ``$PANDA`` and ``$PAOGI`` are AgOpenGPS's (:mod:`twin.formats.panda`).
+is 7 s for an hour at 10 Hz (144 000 of them); this takes 9 us with all that is made of it. GNS, GLL and ZDA come
+seldom (:mod:`twin.formats.nmea_parsed`). ``$PANDA`` and ``$PAOGI`` are AgOpenGPS's (:mod:`twin.formats.panda`).
 """
 
 from __future__ import annotations
