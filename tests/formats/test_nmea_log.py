@@ -196,6 +196,36 @@ def test_without_a_position_there_are_quality_zero_and_satellites_alone(tmp_path
     assert np.isnan(rest).all()
 
 
+@pytest.mark.parametrize("untold", [{1}, {0}, {0, 1, 2}, {2, 3}, set()])
+def test_heights_stay_where_the_separation_is_left_out(untold: set[int], tmp_path: Path) -> None:
+    bodies = [gga(f"12000{second}.00") for second in range(4)]
+    bodies = [body.replace(",20.0,M,", ",,,") if second in untold else body for second, body in enumerate(bodies)]
+    log = open_log(write_log(tmp_path, *bodies))
+    assert log.origin.height_m == 120.0
+    assert log.origin.geoid_height_m == 20.0
+    assert column(list(log.measurements()), "position_u_m") == pytest.approx([0.0] * 4, abs=1e-6)
+    assert not log.problems
+
+
+def test_the_separation_told_last_counts_and_that_of_another_sentence_of_the_epoch(tmp_path: Path) -> None:
+    bodies = [
+        gga("120000.00"),
+        gga("120001.00").replace(",20.0,M,", ",25.0,M,"),
+        gga("120002.00").replace(",20.0,M,", ",,,"),
+        "GNGNS,120003.00,4404.1300000,N,12118.8700000,W,RF,15,0.6,100.0,30.0,1.5,0000",
+        gga("120003.00").replace(",20.0,M,", ",,,"),
+        "PANDA,120004.00,4404.13,N,12118.87,W,4,12,0.7,100.0,1.0,3.888,65535,0,0,0",
+    ]
+    found, _ = read(write_log(tmp_path, *bodies))
+    assert column(found, "position_u_m") == pytest.approx([0.0, 5.0, 5.0, 10.0, 10.0], abs=1e-6)
+
+
+def test_heights_of_a_log_without_any_separation_are_those_above_the_sea(tmp_path: Path) -> None:
+    log = open_log(write_log(tmp_path, *(gga(f"12000{s}.00").replace(",20.0,M,", ",,,") for s in range(3))))
+    assert (log.origin.height_m, log.origin.geoid_height_m) == (100.0, 0.0)
+    assert column(list(log.measurements()), "position_u_m") == pytest.approx([0.0] * 3, abs=1e-6)
+
+
 # --- time ------------------------------------------------------------------------------------------------------------
 
 

@@ -31,6 +31,7 @@ class Epoch:
         "quality",
         "satellites",
         "seen",
+        "separation_m",
         "sigma_e_m",
         "sigma_n_m",
         "sigma_u_m",
@@ -40,8 +41,10 @@ class Epoch:
         "vdop",
     )
 
-    def __init__(self, time_of_day_ns: int) -> None:
+    def __init__(self, time_of_day_ns: int, separation_m: float) -> None:
         self.time_of_day_ns = time_of_day_ns
+        self.separation_m = separation_m
+        """Mean sea level above the ellipsoid, as the receiver told it last."""
         self.day: int | None = None
         """Its date, days since 1970."""
         self.seen: set[bytes] = set()
@@ -50,6 +53,7 @@ class Epoch:
         """Whose position it has: the higher, the better."""
         self.speed_by = 0
         self.latitude_deg = self.longitude_deg = self.height_m = self.geoid_m = NAN
+        """``geoid_m`` is what this epoch itself says of the separation."""
         self.quality = self.satellites = self.hdop = self.vdop = self.age_s = NAN
         self.speed_m_s = self.course_deg = NAN
         self.sigma_e_m = self.sigma_n_m = self.sigma_u_m = NAN
@@ -88,9 +92,10 @@ def angles_of(fields: Sequence[bytes], first: int) -> tuple[float, float]:
 
 
 def take_height(epoch: Epoch, above_sea_m: float, geoid_m: float) -> None:
-    """Take a height above the sea; where the sea's is not told, it counts as the ellipsoid's."""
-    epoch.geoid_m = geoid_m
-    epoch.height_m = above_sea_m + (0.0 if math.isnan(geoid_m) else geoid_m)
+    """Take a height above the sea, and the sea's above the ellipsoid; where that is not told, the last one stays."""
+    if not math.isnan(geoid_m):
+        epoch.geoid_m = epoch.separation_m = geoid_m
+    epoch.height_m = above_sea_m + epoch.separation_m
 
 
 def fix_of(epoch: Epoch, fields: Sequence[bytes]) -> bool:

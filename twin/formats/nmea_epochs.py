@@ -22,10 +22,16 @@ _LONGEST_TYPE = 5
 
 
 class EpochGroups:
-    """The epoch that is being put together; what cannot be used is counted in ``problems``."""
+    """The epoch that is being put together.
 
-    def __init__(self, problems: Counter[str]) -> None:
+    Args:
+        problems: where what cannot be used is counted.
+        separation_m: mean sea level above the ellipsoid, until the log says it.
+    """
+
+    def __init__(self, problems: Counter[str], separation_m: float) -> None:
         self._problems = problems
+        self._separation_m = separation_m
         self._epoch: Epoch | None = None
         self._begun = False
         self._ahead: set[bytes] = set()
@@ -57,7 +63,8 @@ class EpochGroups:
         time_ns = time_of_day_ns(fields[place])
         before = None
         if self._epoch is None or self._epoch.time_of_day_ns != time_ns:
-            before, self._epoch = self._epoch, Epoch(time_ns)
+            before = self._epoch
+            self._epoch = Epoch(time_ns, self._separation_m if before is None else before.separation_m)
         epoch = self._epoch
         try:
             if kind in epoch.seen:
@@ -100,12 +107,13 @@ class EpochGroups:
         return self._epoch
 
 
-def epochs(lines: Iterable[bytes], problems: Counter[str]) -> Iterator[Epoch]:
+def epochs(lines: Iterable[bytes], problems: Counter[str], *, separation_m: float) -> Iterator[Epoch]:
     """Epochs of a log's lines, those without any word on a position left out.
 
-    A line may hold several sentences, whole ones and pieces, between other bytes.
+    A line may hold several sentences, whole ones and pieces, between other bytes. A separation of sea and ellipsoid
+    holds until another is told, and ``separation_m`` until the first is.
     """
-    groups = EpochGroups(problems)
+    groups = EpochGroups(problems, separation_m)
     for line in lines:
         texts = line.split(b"$")
         if len(texts) == 1:

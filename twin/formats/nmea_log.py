@@ -43,6 +43,9 @@ class NmeaLog:
     Sensors are ``gnss`` and, where a board's IMU speaks in what is looked at of the log, ``ahrs`` and ``yaw_gyro``.
     Dates come from RMC and ZDA. An epoch arrives when it is measured: sentences do not say when they were sent.
 
+    Heights are above the ellipsoid, by the separation from the sea that was told last. Before the first, it is the
+    first that the head of the log has; zero if it has none: heights are then those above the sea.
+
     Args:
         path: the file, which has to be there.
         origin: of the local frame; the first position if None.
@@ -55,7 +58,11 @@ class NmeaLog:
         self.path = path
         self.problems: Counter[str] = Counter()
         self.start_utc_ns: int | None = None
+        self._separation_m = 0.0
         head, turned_ns = self._look()
+        if math.isnan(head.fixes[0].geoid_m) and (later := _first_separation(head)):
+            self._separation_m = later
+            head, turned_ns = self._look()
         self.origin = origin_of(head.fixes) if origin is None else origin
         self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in _infos(head, turned_ns)}
 
@@ -64,7 +71,7 @@ class NmeaLog:
         unused: Counter[str] = Counter()
         clock: LogClock[Epoch] = LogClock(unused)
         head, turned_ns = LogHead(), list[int]()
-        for fix, attitude in _placed(epochs(lines_of(self.path, unused), unused), clock):
+        for fix, attitude in _placed(self._epochs(unused), clock):
             head.take(fix)
             if attitude is not None and len(turned_ns) < HEAD_EPOCHS:
                 turned_ns.append(fix.t_ns)
@@ -78,12 +85,15 @@ class NmeaLog:
             raise BadInputError(f"{self.path}: no sentence has a position with a time ({kinds or 'nothing at all'})")
         return head, turned_ns
 
+    def _epochs(self, problems: Counter[str]) -> Iterator[Epoch]:
+        return epochs(lines_of(self.path, problems), problems, separation_m=self._separation_m)
+
     def measurements(self) -> Iterator[Measurement]:
         """Measurements in order of arrival; once."""
         return measurements(self._items(LogClock(self.problems)), self.origin)
 
     def _items(self, clock: LogClock[Epoch]) -> Iterator[Fix | Measurement]:
-        for fix, attitude in _placed(epochs(lines_of(self.path, self.problems), self.problems), clock):
+        for fix, attitude in _placed(self._epochs(self.problems), clock):
             yield fix
             if attitude is None:
                 continue
@@ -91,6 +101,10 @@ class NmeaLog:
                 yield from _imu(fix, attitude)
             else:
                 self.problems[NOT_ANNOUNCED] += 1
+
+
+def _first_separation(head: LogHead) -> float:
+    return next((fix.geoid_m for fix in head.fixes if not math.isnan(fix.geoid_m)), 0.0)
 
 
 def _placed(found: Iterator[Epoch], clock: LogClock[Epoch]) -> Iterator[Spoken]:
