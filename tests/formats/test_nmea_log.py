@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import itertools
 import math
 import random
@@ -320,6 +321,66 @@ def test_a_clock_that_finds_the_time_dates_the_log(tmp_path: Path) -> None:
     assert log.problems == {"clock set anew": 1}
     # the first that is right is 3 s after time zero
     assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64("2026-04-01T11:59:57")
+
+
+def void(time: str, *, date: str) -> str:
+    """An RMC without a position."""
+    return f"GNRMC,{time},V,,,,,,,{date},,,N"
+
+
+BEFORE = {
+    "void RMC": lambda time, date: [gga(time, quality=0), void(time, date=date)],
+    "void RMC beside a fix": lambda time, date: [gga(time, quality=1), void(time, date=date)],
+    "void RMC alone": lambda time, date: [void(time, date=date)],
+    "ZDA without a fix": lambda time, date: [
+        gga(time, quality=0),
+        f"GNZDA,{time},{date[:2]},{date[2:4]},{1980 if date[4:] == '80' else 2006},00,00",
+    ],
+}
+
+
+@pytest.mark.parametrize("date", ["060180", "160806"])
+@pytest.mark.parametrize("kind", BEFORE)
+@pytest.mark.parametrize("count", [1, 3, 5, 60])
+def test_what_is_said_of_the_date_without_a_position_dates_nothing(
+    count: int, kind: str, date: str, tmp_path: Path
+) -> None:
+    times = [f"12{second // 60:02d}{second % 60:02d}.00" for second in range(count + 35)]
+    bodies = [body for time in times[:count] for body in BEFORE[kind](time, date)]
+    bodies += [body for time in times[count:] for body in (gga(time), rmc(time, date="010426"))]
+    log = open_log(write_log(tmp_path, *bodies))
+    assert len(list(log.measurements())) == count + 35
+    assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64("2026-04-01T12:00:00")
+    assert not log.problems
+
+
+@pytest.mark.parametrize("first_s", [10, 86_390])
+@pytest.mark.parametrize(
+    ("dates", "day", "wrong"),
+    [
+        ("a" * 5 + "b" * 35, "b", 5),
+        ("a" * 5 + "bb" + "a" * 10, "a", 2),
+        ("a" * 5 + "bb", "a", 2),
+        ("a" * 5 + "bbcc" + "bbb", "b", 5 + 4),
+        ("a" * 5 + "-" * 5 + "b-b-b--", "b", 5),
+        ("a" * 80 + "bbbb", "a", 80),  # behind the head, it is only counted
+    ],
+)
+def test_later_dates_that_agree_on_another_day_date_the_log(
+    dates: str, day: str, wrong: int, first_s: int, tmp_path: Path
+) -> None:
+    days = {"a": dt.date(1980, 1, 6), "b": dt.date(2026, 4, 1), "c": dt.date(2026, 3, 1)}
+    bodies: list[str] = []
+    for index, letter in enumerate(dates):
+        after, second = divmod(first_s + index, 86_400)
+        time = f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.00"
+        bodies.append(gga(time))
+        if letter != "-":
+            bodies.append(rmc(time, date=(days[letter] + dt.timedelta(after)).strftime("%d%m%y")))
+    log = open_log(write_log(tmp_path, *bodies))
+    assert [each.t_ns for each in log.measurements()] == [index * 10**9 for index in range(len(dates))]
+    assert np.datetime64(log.start_utc_ns or 0, "ns") == np.datetime64(days[day]) + np.timedelta64(first_s, "s")
+    assert log.problems == {"wrong date": wrong}
 
 
 # --- bad lines -------------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Puts the epochs of a log in time: over midnight, with and without dates, and past clocks that jump.
 
 A receiver says the time of day in every epoch and the date only in some. The day is the one that brings an epoch
-nearest to the latest; a date counts where that is not near, and it dates the log.
+nearest to the latest; a date counts where that is not near, and it dates the log (:mod:`twin.formats.log_date`).
 
 An epoch within ``NEAR_NS`` of the latest is in order, or late, and keeps its time. One farther off waits for what comes
 next. If the log goes on as if nothing had been, it is passed over. If the next one goes on from it, there was a gap
@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Generic, NamedTuple, TypeVar
 
+from twin.formats.log_date import LogDate
 from twin.signals import NS_PER_S
 
 DAY_NS = 86_400 * NS_PER_S
@@ -122,19 +123,18 @@ class LogClock(_Clock[Item]):
     """The clock of one log, whose zero moves where a receiver's clock is set anew.
 
     Args:
-        problems: where epochs that are passed over are counted.
+        problems: where epochs that are passed over are counted, and wrong dates.
     """
 
     def __init__(self, problems: Counter[str]) -> None:
         super().__init__(problems, None)
-        self._shift: int | None = None
-        """From the receiver's clock to the time since 1970, ns; None without a date."""
+        self._date = LogDate(problems)
 
     @property
     def start_utc_ns(self) -> int | None:
-        """Time zero, ns since 1970; None while no date is known. A clock that is set anew moves it: what a receiver
-        says before it has found the time dates nothing."""
-        return None if self._shift is None else self._zero + self._shift
+        """Time zero, ns since 1970; None while no date is known. A clock that is set anew moves it, and so does a date
+        that is: what a receiver says before it has found the time dates nothing."""
+        return None if self._date.shift_ns is None else self._zero + self._date.shift_ns
 
     def put(self, item: Item, time_of_day_ns: int, day: int | None) -> list[Placed[Item]]:
         """Take an epoch; return what is known now to be in time, in order of arrival.
@@ -145,21 +145,27 @@ class LogClock(_Clock[Item]):
             day: its date, days since 1970, where it is told.
         """
         if self._latest is None:
-            return self.put_absolute(item, (day or 0) * DAY_NS + time_of_day_ns, dated=day is not None)
+            if day is not None:
+                self._date.take(0)
+            return self._put(item, (day or 0) * DAY_NS + time_of_day_ns)
         near = _nearest(time_of_day_ns, self._latest)
         if self._waiting and abs(near - self._latest) > NEAR_NS:
             near = _nearest(time_of_day_ns, self._waiting[-1][1])
         if day is None:
-            return self.put_absolute(item, near, dated=False)
+            return self._put(item, near)
         utc_ns = day * DAY_NS + time_of_day_ns
-        if self._shift is None:
-            self._shift = utc_ns - near
-        return self.put_absolute(item, near if abs(near - self._latest) <= NEAR_NS else utc_ns - self._shift)
+        shift_ns = self._date.shift_ns
+        if shift_ns is not None and abs(near - self._latest) > NEAR_NS:
+            return self._put(item, utc_ns - shift_ns)
+        self._date.take(utc_ns - near)
+        return self._put(item, near)
 
-    def put_absolute(self, item: Item, clock_ns: int, *, dated: bool = True) -> list[Placed[Item]]:
-        """The same with a clock that tells days and time at once; ``dated`` if it counts from 1970 (UTC)."""
-        if dated and self._shift is None:
-            self._shift = 0
+    def put_absolute(self, item: Item, utc_ns: int) -> list[Placed[Item]]:
+        """The same with a clock that tells days and time at once, ns since 1970 (UTC)."""
+        self._date.take(0)
+        return self._put(item, utc_ns)
+
+    def _put(self, item: Item, clock_ns: int) -> list[Placed[Item]]:
         if self._latest is None:
             self._latest = self._zero = clock_ns
         if abs(clock_ns - self._latest) <= NEAR_NS:
@@ -173,6 +179,7 @@ class LogClock(_Clock[Item]):
         if len(self._waiting) < _AGREE_ON_A_JUMP:
             return []
         self._problems[RESTART] += 1
+        self._date.set_anew()
         first = self._waiting[0][1]
         self._zero += first - self._latest - NS_PER_S
         self._latest = first
@@ -180,6 +187,7 @@ class LogClock(_Clock[Item]):
 
     def finish(self) -> list[Placed[Item]]:
         """The log has ended: return what lies behind a last gap."""
+        self._date.finish()
         if self._waiting and self._is_gap():
             return self._go_on()
         self._pass_over()

@@ -41,7 +41,10 @@ class NmeaLog:
     """A log of sentences of any talkers, ``$PANDA`` and ``$PAOGI`` among them; see :class:`twin.formats.log.Log`.
 
     Sensors are ``gnss`` and, where a board's IMU speaks in what is looked at of the log, ``ahrs`` and ``yaw_gyro``.
-    Dates come from RMC and ZDA. An epoch arrives when it is measured: sentences do not say when they were sent.
+    Dates come from RMC and ZDA, in epochs with a position: without one, a receiver may say the right time of day and a
+    wrong date. Later dates that agree on another day date the log within its head (``HEAD_EPOCHS``); behind that, its
+    date has been told, and those before are only counted. An epoch arrives when it is measured: sentences do not say
+    when they were sent.
 
     Heights are above the ellipsoid, by the separation from the sea that was told last. Before the first, it is the
     first that the head of the log has; zero if it has none: heights are then those above the sea.
@@ -109,7 +112,7 @@ def _first_separation(head: LogHead) -> float:
 
 def _placed(found: Iterator[Epoch], clock: LogClock[Epoch]) -> Iterator[Spoken]:
     for epoch in found:
-        for placed in clock.put(epoch, epoch.time_of_day_ns, epoch.day):
+        for placed in clock.put(epoch, epoch.time_of_day_ns, epoch.day if epoch.quality else None):
             yield _fix(placed), placed.item.attitude
     for placed in clock.finish():
         yield _fix(placed), placed.item.attitude

@@ -51,11 +51,11 @@ def _rmc(epoch: Epoch, fields: Sequence[bytes]) -> None:
     latitude, longitude = angles_of(fields, 3) if quality else (NAN, NAN)
     speed, compass = told(fields[7], 0.0, _FASTEST_KNOTS) * KNOT_M_S, told(fields[8], 0.0, 360.0)
     day = _day(fields[9])
-    if day is not None:
-        epoch.day = day
     take_place(epoch, BY_RMC, latitude, longitude, quality)
     if quality:
         take_speed(epoch, 2, speed, compass)
+        if day is not None:
+            epoch.day = day
 
 
 def _day(field: bytes) -> int | None:
