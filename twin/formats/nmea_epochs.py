@@ -1,11 +1,8 @@
 """Brings the sentences of one epoch together, in whatever order a receiver sends them and whichever it leaves out.
 
-Sentences with a time belong to their time. Those without (VTG, GSA) belong to the epoch they follow: receivers send a
-sentence with a time first. One that sends VTG or GSA before all others is misread by one epoch: its log looks like one
-that begins in the middle of an epoch, and that is far more common. What untimed sentences a log has before its first
-with a time are of an epoch that it does not have: they are passed over and counted.
-
-A second sentence of a type within an epoch is passed over (but GSA, which comes once for each constellation).
+Sentences with a time belong to their time. Those without (VTG, GSA) belong to the epoch they follow; only types that
+a log has before its first sentence with a time are sent ahead, and belong to the epoch they precede. A second sentence
+of a type within an epoch is passed over (but GSA, which comes once for each constellation).
 """
 
 from __future__ import annotations
@@ -21,7 +18,6 @@ from twin.formats.panda import AGOPENGPS, read_panda
 
 NOT_NMEA = "not NMEA"
 REPEATED = "repeated"
-HEADLESS = "of an epoch before the first"
 _LONGEST_TYPE = 5
 
 
@@ -38,7 +34,10 @@ class EpochGroups:
         self._separation_m = separation_m
         self._epoch: Epoch | None = None
         self._begun = False
-        """Whether there has been a sentence of a type with a time."""
+        self._ahead: set[bytes] = set()
+        """Untimed types that are sent ahead of their epoch."""
+        self._waiting: dict[bytes, Sequence[bytes]] = {}
+        """Those of them that have come, by type, for the next sentence with a time."""
 
     def take(self, text: bytes) -> Epoch | None:
         """Take what follows a ``$``; return the epoch before, if this begins another.
@@ -78,17 +77,30 @@ class EpochGroups:
                 epoch.seen.add(kind)
         except BadLineError as error:
             self._problems[error.kind] += 1  # the epoch before is still to be handed on
+        if self._waiting:
+            self._take_waiting(epoch)
         return before
 
-    def _take_untimed(self, kind: bytes, fields: Sequence[bytes]) -> None:
-        epoch = self._epoch
-        if not self._begun:
-            self._problems[HEADLESS] += 1
-        elif epoch is not None and kind in epoch.seen and kind != b"GSA":
-            self._problems[REPEATED] += 1
-        elif epoch is not None:
+    def _take_waiting(self, epoch: Epoch) -> None:
+        waiting, self._waiting = self._waiting, {}
+        for kind, fields in waiting.items():
+            try:
+                UNTIMED[kind](epoch, fields)
+            except BadLineError as error:
+                self._problems[error.kind] += 1
             epoch.seen.add(kind)
-            UNTIMED[kind](epoch, fields)
+
+    def _take_untimed(self, kind: bytes, fields: Sequence[bytes]) -> None:
+        if not self._begun:
+            self._ahead.add(kind)
+        if kind in self._ahead:
+            self._waiting.setdefault(kind, fields)
+        elif self._epoch is not None:
+            if kind in self._epoch.seen and kind != b"GSA":
+                self._problems[REPEATED] += 1
+            else:
+                self._epoch.seen.add(kind)
+                UNTIMED[kind](self._epoch, fields)
 
     def finish(self) -> Epoch | None:
         """The last epoch."""

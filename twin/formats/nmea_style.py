@@ -32,8 +32,7 @@ class NmeaStyle(Config):
         "GSA",
         "GST",
     )
-    """In the order in which they are sent. VTG and GSA have no time: readers take them for the epoch of the sentence
-    before. Only GSA tells VDOP; the satellites' numbers in it stay empty."""
+    """In the order in which they are sent. Only GSA tells VDOP; the satellites' numbers in it stay empty."""
     minute_decimals: Annotated[int, Field(ge=2, le=8)] = 7
     """Of the minutes of latitude and longitude: five are 18.5 mm, seven 0.2 mm."""
     time_decimals: Annotated[int, Field(ge=0, le=3)] = 2
