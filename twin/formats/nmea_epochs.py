@@ -1,8 +1,10 @@
 """Brings the sentences of one epoch together, in whatever order a receiver sends them and whichever it leaves out.
 
 Sentences with a time belong to their time. Those without (VTG, GSA) belong to the epoch they follow; only types that
-a log has before its first sentence with a time are sent ahead, and belong to the epoch they precede. A second sentence
-of a type within an epoch is passed over (but GSA, which comes once for each constellation).
+a log has before its first sentence with a time are sent ahead, and belong to the epoch they precede (u-blox receivers
+send VTG ahead of GGA). So a log is taken to begin with an epoch's first sentence: sentences come in bursts, and a port
+is mostly opened in the silence between two. Of one that begins within a burst, speeds are an epoch late or early. A
+second sentence of a type within an epoch is passed over (but GSA, which comes once for each constellation).
 """
 
 from __future__ import annotations
