@@ -19,6 +19,7 @@ import pytest
 
 from tests.cli.command import ROOT, command_line, environment, twin, write_scenario
 from tests.small_scenario import SMALL
+from twin.cli.tables import figure
 from twin.stress import Parts, Task, make_plan, run_task
 
 SPEED_ERROR = "central.row_speed.mean_abs_error_m_s"
@@ -362,3 +363,22 @@ def test_a_spoilt_run_folder_is_refused(case: str, made: Path, tmp_path: Path) -
     assert result.returncode == 2, result.stdout + result.stderr
     assert message in result.stderr
     assert "Traceback" not in result.stderr + result.stdout
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.012345, "0.0123"),
+        (11.68, "11.7"),
+        (999.4, "999"),
+        (999.7, "1000"),
+        (1648.6, "1649"),
+        (-12_345.6, "-12346"),
+        (2.5e6, "2.5e+06"),
+        (float("inf"), "never"),
+        (float("nan"), "-"),
+        (None, ""),
+    ],
+)
+def test_figures_are_read_without_a_power_of_ten_where_people_have_none(value: float | None, shown: str) -> None:
+    assert figure(value) == shown

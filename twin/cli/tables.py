@@ -39,6 +39,7 @@ _SUMMARY = tuple(
 """What an estimator without a published figure is summed up by: the first of these that it has."""
 _CROP = "seeds.mean_abs_population_error_turns_percent"
 _CRASHED = "crashed"
+_THREE_DIGITS, _A_MILLION = 999.5, 999_999.5
 
 
 def metrics_table(found: Repetitions) -> Table:
@@ -52,7 +53,7 @@ def metrics_table(found: Repetitions) -> Table:
     table = Table()
     table.add_column("estimator")
     table.add_column("metric")
-    for heading in ("mean", "range", "published") if repeated else ("ours", "published"):
+    for heading in ("mean", "range", "published") if repeated else ("twin", "published"):
         table.add_column(heading, justify="right")
     last = ""
     for name, spread in found.metrics().items():
@@ -109,7 +110,7 @@ def summary_table(finished: Sequence[Repetitions | Crash]) -> Table:
     table = Table(title="All scenarios", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for heading in ("scenario", "estimator", "metric"):
         table.add_column(heading, overflow="fold")
-    for heading in ("ours", "published", "ratio", "seeds %"):
+    for heading in ("twin", "published", "ratio", "seeds %"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     for entry in finished:
@@ -167,12 +168,14 @@ def counts(finished: Sequence[Repetitions | Crash]) -> Text:
 
 
 def figure(value: float | None) -> str:
-    """Three digits; ``never`` for an infinite time, a dash for what is not a number."""
+    """Three digits, or all before the point up to a million; ``never`` for an infinite time, a dash for no number."""
     if value is None:
         return ""
     if math.isinf(value):
         return "never"
-    return f"{value:.3g}" if math.isfinite(value) else "-"
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f}" if _THREE_DIGITS <= abs(value) < _A_MILLION else f"{value:.3g}"
 
 
 def tick(ok: bool) -> tuple[str, str]:
