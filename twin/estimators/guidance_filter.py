@@ -58,6 +58,7 @@ from twin.estimators.guidance_filter_receiver import FixErrors
 from twin.estimators.guidance_filter_velocity import VelocityAid, update_robustly
 from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
+    AGE,
     ANGLE_TRANSDUCER,
     ODOMETRY,
     RATE_KINDS,
@@ -128,7 +129,7 @@ class GuidanceFilter:
         self._reference_x_m = setup.reference_x_m
         self._start_heading = setup.start_e_n_heading[2]
         self._receiver = FixReader(infos[GNSS], setup)
-        self._errors = FixErrors(infos[GNSS].datasheet, setup.runs)
+        self._errors = FixErrors(infos[GNSS].datasheet, setup.runs, tells_age=AGE in infos[GNSS].columns)
         self._motion = Motion(setup.runs)
         self._arm = self._receiver.forward_m + setup.reference_x_m, self._receiver.left_m
         self._build_inputs(infos, setup)
@@ -139,6 +140,7 @@ class GuidanceFilter:
             rate=self.inputs.rate is not None,
             steering=steering,
             jumps=self._errors.jumps,
+            drifts=self._errors.drifts,
             anchor=config.frame == "relative",
         )
         steering_info = None if self._steering is None else self._steering.info
@@ -151,21 +153,22 @@ class GuidanceFilter:
             arm=self._arm,
             course_from_m_s=config.course_from_m_s,
             gate_sigmas=config.gates.sigmas,
+            told_variance=self._rounding_variance(_SHORT_NS),
         )
         name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         nothing = np.zeros((setup.runs, self.layout.size))
         flat = np.repeat(np.eye(self.layout.size)[np.newaxis], setup.runs, axis=0)
         self.engine, self._tip = make_engine(name, nothing, flat), make_engine(name, nothing, flat)
-        antenna = AntennaSeen(self.layout, forward_m=self._arm[0], left_m=self._arm[1])
         self.core = Core(
             self.engine,
             self.layout,
-            antenna,
+            self._antenna,
             start_variances=self.noise.start_variances,
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
             sway_s=config.noise.sway_s,
             jump_s=self._errors.jump_s,
+            drift_s=self._errors.drift_s,
             white_told=self._errors.white_told,
         )
         self._now_ns: int | None = None
@@ -198,9 +201,15 @@ class GuidanceFilter:
             steering=steering is not None,
             counts=speed is not None and speed.kind in {WHEEL_ENCODERS, ODOMETRY},
         )
-        self._slot_variance = 0.0
-        if isinstance(self._speed, EncoderReader):  # the mean of two counts, each rounded twice
-            self._slot_variance = (self._speed.slot_m / (_SPEED_NS / NS_PER_S)) ** 2 / 12.0
+
+    def _rounding_variance(self, span_ns: int) -> float:
+        """Of a mean speed over that time: the mean of two counts, each rounded twice."""
+        if not isinstance(self._speed, EncoderReader):
+            return 0.0
+        return (self._speed.slot_m / (span_ns / NS_PER_S)) ** 2 / 12.0
+
+    def _antenna(self, drift_m: FloatArray) -> AntennaSeen:
+        return AntennaSeen(self.layout, forward_m=self._arm[0], left_m=self._arm[1], drift_m=drift_m)
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -300,8 +309,9 @@ class GuidanceFilter:
         self._orient(going & fast, way_speed, course)
         if self._config.velocity:
             if not self.layout.has_rate:
-                self._velocity.may_have_turned(self.engine, fix, span, dt_s, going)
-            self._output.news.put("nis_velocity", *self._velocity.hear(self.engine, fix, span, core.started & there))
+                self._velocity.may_have_turned(self.engine, fix, error.dilution, span, dt_s=dt_s, mask=going)
+            heard = self._velocity.hear(self.engine, fix, error.dilution, span, mask=core.started & there)
+            self._output.news.put("nis_velocity", *heard)
         x = self.engine.x
         speed = span.speed + x[:, V]
         speeds = np.stack([speed * np.cos(x[:, PSI]), speed * np.sin(x[:, PSI])], axis=-1)
@@ -358,7 +368,7 @@ class GuidanceFilter:
         state, covariance, alike = told_state(
             np.ascontiguousarray(x), np.ascontiguousarray(P), layout.places, span.speed, span.standing
         )
-        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._slot_variance)
+        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._rounding_variance(_SPEED_NS))
         for place, of, change in (
             (3, self.inputs.speed, _SPEED_CHANGE_M_S2),
             (2, self.inputs.rate, _TURN_CHANGE_RAD_S),
