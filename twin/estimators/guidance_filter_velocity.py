@@ -34,7 +34,7 @@ class VelocityAid:
         arm: the antenna's place ahead and to the left of the rear axle, m.
         course_from_m_s: slower a course is none, and a machine without a gyro does not turn.
         gate_sigmas: what is farther off weighs less.
-        told_variance: of the told speed of the moment, (m/s)^2.
+        told_variances: of the told speed and rate of turn of the moment, (m/s)^2 and (rad/s)^2.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class VelocityAid:
         arm: tuple[float, float],
         course_from_m_s: float,
         gate_sigmas: float,
-        told_variance: float,
+        told_variances: tuple[float, float],
     ) -> None:
         self.sigma_m_s = sheet.get("speed_noise_m_s", 0.0) or noise.velocity_m_s
         """Of each axis, at rest."""
@@ -54,7 +54,8 @@ class VelocityAid:
         self._lag_s = sheet.get("velocity_lag_s", 0.0)
         self._layout, self._arm, self._course_from_m_s = layout, arm, course_from_m_s
         self._gate_sigmas, self._turn_change_rad_s = gate_sigmas, noise.turn_change_rad_s
-        self._told_variance = told_variance
+        speed, rate = told_variances
+        self._ahead, self._aside = speed + arm[1] ** 2 * rate, arm[0] ** 2 * rate
 
     def turning(self, x: FloatArray, span: Span) -> FloatArray:
         """Share (R,) of the rate of turn that counts."""
@@ -71,7 +72,8 @@ class VelocityAid:
         heading = engine.x[:, PSI]
         z = np.stack(turned(speed, 0.0, course - heading), axis=-1)
         variance = np.square(dilution) * (self.sigma_m_s**2 + np.square(self._ratio * speed))
-        variances = np.stack([variance + np.where(span.standing, 0.0, self._told_variance), variance], axis=-1)
+        told = np.where(span.standing[:, np.newaxis], 0.0, [self._ahead, self._aside])
+        variances = variance[:, np.newaxis] + told
         forward, left = self._arm
         turning = self.turning(engine.x, span)
         seen = VelocitySeen(self._layout, span, turning=turning, forward_m=forward, left_m=left, lag_s=self._lag_s)
