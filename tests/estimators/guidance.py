@@ -177,6 +177,12 @@ class Passes:
     jump_s: float | None = None
     jump_m: tuple[float, float] = (0.0, 0.0)
     """Step of the receiver's error at that time."""
+    lost_s: tuple[float, float] | None = None
+    """From and until when corrections do not come; they are 1 s old otherwise."""
+    drift_m_s: float = 0.0
+    """What the position is off per second of their age, 1 sigma, constant in a world."""
+    diluted_s: float | None = None
+    """From then on the dilution of precision, and the noise of the velocity, are twice as large."""
 
     def sheet(self, kind: str) -> dict[str, float]:
         return {**SHEET.get(kind, {}), **self.sheets.get(kind, {})}
@@ -267,7 +273,21 @@ class Passes:
                 error[step] = now + each.white_m * rng.normal(size=(self.runs, 2))
         if self.jump_s is not None:
             error[round(self.jump_s / self.dt_s) :] += self.jump_m
-        return error
+        drift = self.drift_m_s * np.random.default_rng([self.seed, 7]).normal(size=(self.runs, 2))
+        return error + self.age_s[:, np.newaxis, np.newaxis] * drift
+
+    @cached_property
+    def age_s(self) -> FloatArray:
+        """(T,) of corrections."""
+        t_s = (np.arange(self.steps) + 1) * self.dt_s
+        begin_s, end_s = self.lost_s or (np.inf, np.inf)
+        return 1.0 + np.where((t_s > begin_s) & (t_s < end_s), t_s - begin_s, 0.0)
+
+    @cached_property
+    def dilution(self) -> FloatArray:
+        """(T, 1) of precision."""
+        t_s = (np.arange(self.steps) + 1) * self.dt_s
+        return np.where(t_s < (self.diluted_s or np.inf), 1.0, 2.0)[:, np.newaxis]
 
     @cached_property
     def steering_offset(self) -> FloatArray:
@@ -305,10 +325,13 @@ class Passes:
         position = np.round((position + self.gnss_error) / lsb) * lsb
         along, aside = speed - ARM_M[1] * rate, ARM_M[0] * rate
         velocity = np.stack([along * cosine - aside * sine, along * sine + aside * cosine], axis=-1)
-        velocity = velocity + sheet["speed_noise_m_s"] * rng.normal(size=velocity.shape)
+        velocity = velocity + sheet["speed_noise_m_s"] * self.dilution[..., np.newaxis] * rng.normal(
+            size=velocity.shape
+        )
         reported = np.broadcast_to(self.told("reported_m"), shape)
         quality = np.broadcast_to(self.told("quality"), shape)
-        rest = [quality, *(np.full(shape, each) for each in (9.0, 1.0, 1.7, np.nan))]
+        age = self.age_s[:, np.newaxis]
+        rest = [quality, *(np.broadcast_to(each, shape) for each in (9.0, self.dilution, 1.7 * self.dilution, age))]
         gnss = np.stack(
             [
                 position[..., 0],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tests.estimators.guidance import ALL, SHEET, Passes, Solution, drive, fix, make_setup, measure, pass_to_pass
+from tests.estimators.guidance import ALL, ARM_M, SHEET, Passes, Solution, drive, fix, make_setup, measure, pass_to_pass
 from twin.errors import BadInputError
 from twin.estimators.guidance_filter import GuidanceFilter, GuidanceFilterConfig
 from twin.estimators.guidance_pv import GuidancePv, GuidancePvConfig
@@ -152,6 +152,77 @@ def test_a_sway_that_lasts_is_not_taken_for_new_at_every_fix(gnss_every: int) ->
     errors = errors_of(world, values)[epochs, :, :2]
     nees = np.einsum("tri,trij,trj->tr", errors, np.linalg.inv(covariance[epochs][..., :2, :2]), errors)
     assert (nees.mean(axis=1) < chi2.ppf(0.99995, 200) / 100).all()
+
+
+def test_old_corrections_are_known_to_drift() -> None:
+    """A fix drifts by 2 mm/s, 1 sigma, while corrections do not come for 60 s, and is what it was when they do.
+
+    By itself it is 0.12 m off at the end, 0.07 m in the mean over the time: so large sigma may be, and no larger.
+    """
+    drifting = {"position_age_drift_m_s": 0.002, "age_drift_correlation_s": 1000.0}
+    sheets = {"gnss": {**RTK_SHEET["gnss"], **drifting}}
+    world = Passes(
+        runs=60,
+        seed=33,
+        sheets=sheets,
+        solutions=[Solution(begin_s=0.0, **FIX)],
+        lost_s=(25.0, 85.0),
+        drift_m_s=0.002,
+        length_m=60.0,
+    )
+    values, sigmas, _ = drive(world, make(world.setup(), noise=AS_SIMULATED))
+    errors, said = errors_of(world, values)[..., :2], sigmas[..., :2]
+    lost = slice(251, 849)
+    assert (np.abs(errors[lost]) > 3.0 * said[lost]).mean() < 0.01
+    assert 0.01 < rms(said[lost]) < np.hypot(0.07, 0.02)
+    assert rms(errors[lost]) < 1.3 * rms(said[lost])
+    assert rms(errors[900:]) < 0.02
+
+
+def test_velocity_is_no_better_than_slots_and_dilution_allow() -> None:
+    """A mean speed over 0.2 s of slots of 8 mm is rounded by 12 mm/s, a velocity is 5 mm/s off, or 10: NIS has mean 2.
+
+    Of 60 worlds and 200 samples, neighbours of which share a slot: known within 3 %; 15 are allowed.
+    """
+    sheets = {"gnss": {**RTK_SHEET["gnss"], "speed_noise_m_s": 0.005}}
+    world = Passes(
+        runs=60,
+        seed=34,
+        sheets=sheets,
+        solutions=[Solution(begin_s=0.0, **FIX)],
+        gnss_every=1,
+        passes=1,
+        diluted_s=30.0,
+        slip_noise=0.0,
+    )
+    guide = make(world.setup(), noise=AS_SIMULATED)
+    nis = column(guide, drive(world, guide)[0], "nis_velocity")
+    for part in (slice(100, 295), slice(305, 500)):
+        assert np.nanmean(nis[part]) == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_speed_that_changes_is_known_to_lag() -> None:
+    """The machine is at 1.1 m/s at once; what is told is a mean over the last 0.4 s."""
+    world = Passes(runs=20, seed=35, passes=1)
+    values, sigmas, _ = drive(world, make(world.setup()))
+    start = slice(round(world.stand_s / world.dt_s), round(world.stand_s / world.dt_s) + 10)
+    error = errors_of(world, values)[start, :, 3]
+    assert np.abs(error).max() > 0.5
+    assert (np.abs(error) < 3.0 * sigmas[start, :, 3]).all()
+    assert sigmas[start.stop + 10 :, :, 3].max() < 0.1
+
+
+def test_the_first_fix_after_a_gap_counts_at_once() -> None:
+    """Nothing for 30 s, and then a fix, of which no other sensor has told yet."""
+    guide = make(make_setup("gnss", "odometry"))
+    for t_s in range(10):
+        guide.process(fix(t_s, 2.0 * t_s, 0.0, speed=2.0, course=0.0, quality=4.0, sigma=0.01))
+        guide.process(measure("odometry", t_s, [2.0, 0.0]))
+    guide.process(fix(40.0, 0.0, 80.0, speed=2.0, course=1.6, quality=4.0, sigma=0.01))
+    said = guide.estimate(40 * 10**9)
+    away = np.linalg.norm(said.values[0, :2] + np.array([0.0, ARM_M[0]]) - [0.0, 80.0])
+    assert away < 2.0 * ARM_M[0] + 3.0 * np.linalg.norm(said.sigmas[0, :2])
+    assert np.linalg.norm(said.sigmas[0, :2]) < 5.0
 
 
 @pytest.mark.parametrize("frame", ["relative", "absolute"])

@@ -58,6 +58,7 @@ from twin.estimators.guidance_filter_receiver import FixErrors
 from twin.estimators.guidance_filter_velocity import VelocityAid, update_robustly
 from twin.estimators.guidance_gps import Motion
 from twin.estimators.guidance_readers import (
+    AGE,
     ANGLE_TRANSDUCER,
     ODOMETRY,
     RATE_KINDS,
@@ -82,13 +83,14 @@ _PATIENCE_NS = 150_000_000
 _LONGEST_GAP_NS = 60 * NS_PER_S
 """After a silence of the receiver as long as that the filter starts anew, and until then it says nothing."""
 _SILENT_NS = 2 * NS_PER_S
-"""Looking ahead no longer waits for sensors that have been silent for so long."""
+"""Neither fixes nor looking ahead wait for sensors that have been silent for so long."""
 _UNORIENTED_RAD = 0.5
 """A heading that is less certain is none."""
 _SHORT_NS = 200_000_000
 """Speed and rate of turn of the moment are means over so long."""
 _SPEED_NS = 400_000_000
 """The speed that is told is one over so long, so that single slots do not show."""
+_UNUSUAL_SIGMAS = 3.0
 _SPEED_CHANGE_M_S2, _TURN_CHANGE_RAD_S = 0.1, 0.05
 """So much may speed and heading have changed per second since wheels and gyro were heard, 1 sigma; a choice: a machine
 may start, stop or turn in between two samples a second apart, and mostly does not."""
@@ -128,7 +130,7 @@ class GuidanceFilter:
         self._reference_x_m = setup.reference_x_m
         self._start_heading = setup.start_e_n_heading[2]
         self._receiver = FixReader(infos[GNSS], setup)
-        self._errors = FixErrors(infos[GNSS].datasheet, setup.runs)
+        self._errors = FixErrors(infos[GNSS].datasheet, setup.runs, tells_age=AGE in infos[GNSS].columns)
         self._motion = Motion(setup.runs)
         self._arm = self._receiver.forward_m + setup.reference_x_m, self._receiver.left_m
         self._build_inputs(infos, setup)
@@ -139,6 +141,7 @@ class GuidanceFilter:
             rate=self.inputs.rate is not None,
             steering=steering,
             jumps=self._errors.jumps,
+            drifts=self._errors.drifts,
             anchor=config.frame == "relative",
         )
         steering_info = None if self._steering is None else self._steering.info
@@ -151,21 +154,22 @@ class GuidanceFilter:
             arm=self._arm,
             course_from_m_s=config.course_from_m_s,
             gate_sigmas=config.gates.sigmas,
+            told_variances=(self._rounding_variance(_SHORT_NS), self._rate_variance(_SHORT_NS)),
         )
         name = compiled_unless_told(config.engine, estimator=setup.name, runs=setup.runs)
         nothing = np.zeros((setup.runs, self.layout.size))
         flat = np.repeat(np.eye(self.layout.size)[np.newaxis], setup.runs, axis=0)
         self.engine, self._tip = make_engine(name, nothing, flat), make_engine(name, nothing, flat)
-        antenna = AntennaSeen(self.layout, forward_m=self._arm[0], left_m=self._arm[1])
         self.core = Core(
             self.engine,
             self.layout,
-            antenna,
+            self._antenna,
             start_variances=self.noise.start_variances,
             gates=config.gates,
             sway_m=config.noise.sway_rad * max(mount_arm(infos[GNSS], setup)[2], 0.0),
             sway_s=config.noise.sway_s,
             jump_s=self._errors.jump_s,
+            drift_s=self._errors.drift_s,
             white_told=self._errors.white_told,
         )
         self._now_ns: int | None = None
@@ -198,9 +202,20 @@ class GuidanceFilter:
             steering=steering is not None,
             counts=speed is not None and speed.kind in {WHEEL_ENCODERS, ODOMETRY},
         )
-        self._slot_variance = 0.0
-        if isinstance(self._speed, EncoderReader):  # the mean of two counts, each rounded twice
-            self._slot_variance = (self._speed.slot_m / (_SPEED_NS / NS_PER_S)) ** 2 / 12.0
+
+    def _rounding_variance(self, span_ns: int) -> float:
+        """Of a mean speed over that time: the mean of two counts, each rounded twice."""
+        if not isinstance(self._speed, EncoderReader):
+            return 0.0
+        return (self._speed.slot_m / (span_ns / NS_PER_S)) ** 2 / 12.0
+
+    def _rate_variance(self, span_ns: int) -> float:
+        """Of a mean rate of turn over that time."""
+        gyro = self.noise.gyro
+        return gyro.walk_noise**2 / (span_ns / NS_PER_S) + gyro.rounding**2 if self.layout.has_rate else 0.0
+
+    def _antenna(self, drift_m: FloatArray) -> AntennaSeen:
+        return AntennaSeen(self.layout, forward_m=self._arm[0], left_m=self._arm[1], drift_m=drift_m)
 
     # --- in ----------------------------------------------------------------------------------------------------------
 
@@ -223,7 +238,8 @@ class GuidanceFilter:
         while self._waiting:
             fix, settled = self._waiting[0], self.inputs.settled_ns
             moved = self.inputs.rate is not None or self.inputs.speed is not None
-            if moved and (settled is None or settled < fix.t_ns) and arrival_ns <= fix.t_available_ns + _PATIENCE_NS:
+            behind = settled is None or fix.t_ns - _SILENT_NS <= settled < fix.t_ns
+            if moved and behind and arrival_ns <= fix.t_available_ns + _PATIENCE_NS:
                 return
             self._take(self._waiting.pop(0))
 
@@ -300,8 +316,9 @@ class GuidanceFilter:
         self._orient(going & fast, way_speed, course)
         if self._config.velocity:
             if not self.layout.has_rate:
-                self._velocity.may_have_turned(self.engine, fix, span, dt_s, going)
-            self._output.news.put("nis_velocity", *self._velocity.hear(self.engine, fix, span, core.started & there))
+                self._velocity.may_have_turned(self.engine, fix, error.dilution, span, dt_s=dt_s, mask=going)
+            heard = self._velocity.hear(self.engine, fix, error.dilution, span, mask=core.started & there)
+            self._output.news.put("nis_velocity", *heard)
         x = self.engine.x
         speed = span.speed + x[:, V]
         speeds = np.stack([speed * np.cos(x[:, PSI]), speed * np.sin(x[:, PSI])], axis=-1)
@@ -352,13 +369,22 @@ class GuidanceFilter:
             self._tip.restore(*back)
         return self._tell(t_ns, x, P)
 
+    def _changing(self, t_ns: int) -> FloatArray:
+        """Variance (R,) of a told speed that is a mean while the speed changes: what it changed by, beyond rounding."""
+        half_ns = _SPEED_NS // 2
+        before, after = self.inputs.span(t_ns - 2 * half_ns, t_ns - half_ns), self.inputs.span(t_ns - half_ns, t_ns)
+        changed = np.square(after.speed - before.speed)
+        rounding = 2.0 * self._rounding_variance(half_ns)
+        return np.where(changed > _UNUSUAL_SIGMAS**2 * rounding, changed, 0.0)
+
     def _tell(self, t_ns: int, x: FloatArray, P: FloatArray) -> Estimate:
         layout = self.layout
         span = self.inputs.span(t_ns - _SPEED_NS, t_ns)
         state, covariance, alike = told_state(
             np.ascontiguousarray(x), np.ascontiguousarray(P), layout.places, span.speed, span.standing
         )
-        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._slot_variance)
+        covariance[:, 3, 3] += np.where(span.standing, 0.0, self._rounding_variance(_SPEED_NS))
+        covariance[:, 3, 3] += self._changing(t_ns)
         for place, of, change in (
             (3, self.inputs.speed, _SPEED_CHANGE_M_S2),
             (2, self.inputs.rate, _TURN_CHANGE_RAD_S),

@@ -14,10 +14,10 @@ wheels and gyro have it. Only when the error that the filter would have to belie
 it is the position that is lost, and the filter starts anew; so it does at once where neither wheels nor the receiver's
 velocity tell how the machine moves.
 
-**Anchor.** From pass to pass a constant error is none. A is what the error C + J was when the best kind of solution so
-far was first met, and P + A the position in a frame that is shifted by it: of that nothing but the *change* of the
-error since then is unknown. ``frame = "relative"`` tells P + A. Its sigma is honest for the position nevertheless: as
-E[(P + A - P_true)^2] = var P + (mean of A)^2, what the filter learns of A is in it.
+**Anchor.** From pass to pass a constant error is none. A is what the receiver's slow error was when the best kind of
+solution so far was first met, and P + A the position in a frame that is shifted by it: of that nothing but the *change*
+of the error since then is unknown. ``frame = "relative"`` tells P + A. Its sigma is honest for the position
+nevertheless: as E[(P + A - P_true)^2] = var P + (mean of A)^2, what the filter learns of A is in it.
 """
 
 from __future__ import annotations
@@ -65,17 +65,20 @@ class Core:
         self,
         engine: Engine,
         layout: Layout,
-        antenna: AntennaSeen,
+        antenna: Callable[[FloatArray], AntennaSeen],
         *,
         start_variances: Callable[[], FloatArray],
         gates: GatesConfig,
         sway_m: float,
         sway_s: float,
         jump_s: float,
+        drift_s: float,
         white_told: bool,
     ) -> None:
-        """``start_variances`` gives (n,) variances of all states but position, errors and anchor."""
-        self.engine, self._layout, self._antenna = engine, layout, antenna
+        """``antenna`` makes one whose samples drift by so much (R,), m; ``start_variances`` gives (n,) variances of all
+        states but position, errors and anchor.
+        """
+        self.engine, self._layout, self._antenna_of = engine, layout, antenna
         self._start_variances, self._gates, self._sway_m = start_variances, gates, sway_m
         self._sway_s = sway_s
         runs = engine.x.shape[0]
@@ -90,6 +93,7 @@ class Core:
             other_s=np.full(runs, 100.0),
             jump_m=np.zeros(runs),
             jump_s=jump_s,
+            drift_s=drift_s,
         )
         """Noise of the errors that there are now."""
         self._kind: IntArray = np.full(runs, -1, dtype=np.int64)
@@ -98,6 +102,9 @@ class Core:
         self._anchored: IntArray = np.full(runs, -1, dtype=np.int64)
         self._rejected, self._alike = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
         self._last_rejected = np.zeros((runs, 2))
+
+    def _antenna(self, error: FixError) -> AntennaSeen:
+        return self._antenna_of(error.drift_m)
 
     # --- fixes -------------------------------------------------------------------------------------------------------
 
@@ -139,7 +146,7 @@ class Core:
         x[:, PSI] = np.where(mask, heading, x[:, PSI])
         if not layout.has_speed:
             x[:, V] = np.where(mask & np.isfinite(speed), speed, x[:, V])
-        x[:, [E, N]] = np.where(mask[:, np.newaxis], fix.position - self._antenna.h(x), x[:, [E, N]])
+        x[:, [E, N]] = np.where(mask[:, np.newaxis], fix.position - self._antenna(error).h(x), x[:, [E, N]])
         P = self._at_start(x, error, fresh, rounding_m)
         engine.restore(x, np.where(mask[:, np.newaxis, np.newaxis], P, engine.P))
         self.started = self.started | mask
@@ -149,7 +156,7 @@ class Core:
         self._anchored = np.where(fresh, -1, self._anchored)
         self._rejected, self._alike = np.where(mask, 0, self._rejected), np.where(mask, 0, self._alike)
         self._remember(fix, error, mask)
-        self._anchor(fresh, error.kind)
+        self._anchor(fresh, error)
 
     def _at_start(self, x: FloatArray, error: FixError, fresh: BoolArray, rounding_m: FloatArray) -> FloatArray:
         """Covariance (R, n, n) of P = z - arm - C - J: what is not known of the others is not known of P."""
@@ -161,9 +168,11 @@ class Core:
             self._set(P, layout.slow + axis, np.square(error.slow_m), fresh)
             if layout.jump is not None:
                 self._set(P, layout.jump + axis, np.square(error.jump_m), fresh)
+            if layout.drift is not None:
+                self._set(P, layout.drift + axis, np.ones(len(x)), fresh)
         white = np.square(error.white_m) + self._sway_m**2
         T = np.repeat(np.eye(layout.size)[np.newaxis], len(x), axis=0)
-        seen = self._antenna.H(x)
+        seen = self._antenna(error).H(x)
         for axis, place in enumerate((E, N)):
             P[:, place, place] = white + rounding_m[axis] ** 2 / 12.0
             T[:, place] = -seen[:, axis]
@@ -186,7 +195,7 @@ class Core:
         self._meet(fix, error, mask)
         engine, gate = self.engine, self._gates.sigmas**2
         z = np.where(mask[:, np.newaxis], fix.position, 0.0)
-        seen = AboutState(self._antenna, engine.x)
+        seen = AboutState(self._antenna(error), engine.x)
         before = innovation(engine, seen, z, white)
         y, nis = before.y, before.nis
         outside: BoolArray = mask & (nis > gate)
@@ -304,20 +313,22 @@ class Core:
             A = self.engine.x[:, self._layout.anchor : self._layout.anchor + 2]
             usual = _UNUSUAL_SIGMAS * np.hypot(error.slow_m, error.jump_m)
             anew |= (np.abs(A) > usual[:, np.newaxis]).any(axis=1) & (error.kind == self._anchored)
-        self._anchor(taken & anew, error.kind)
+        self._anchor(taken & anew, error)
 
-    def _anchor(self, mask: BoolArray, kind: IntArray) -> None:
-        self._anchored = np.where(mask, kind, self._anchored)
+    def _anchor(self, mask: BoolArray, error: FixError) -> None:
+        self._anchored = np.where(mask, error.kind, self._anchored)
         layout = self._layout
         if layout.anchor is None or not mask.any():
             return
-        T = np.eye(layout.size)
-        for axis in range(2):
-            T[layout.anchor + axis] = 0.0
-            T[layout.anchor + axis, layout.slow + axis] = 1.0
-            if layout.jump is not None:
-                T[layout.anchor + axis, layout.jump + axis] = 1.0
         x, P = self.engine.x, self.engine.P
+        T = np.repeat(np.eye(layout.size)[np.newaxis], len(x), axis=0)
+        for axis in range(2):
+            T[:, layout.anchor + axis] = 0.0
+            T[:, layout.anchor + axis, layout.slow + axis] = 1.0
+            if layout.jump is not None:
+                T[:, layout.anchor + axis, layout.jump + axis] = 1.0
+            if layout.drift is not None:
+                T[:, layout.anchor + axis, layout.drift + axis] = error.drift_m
         rows = mask[:, np.newaxis]
-        moved = np.einsum("ij,rjk,lk->ril", T, P, T)
-        self.engine.restore(np.where(rows, x @ T.T, x), np.where(rows[..., np.newaxis], moved, P))
+        moved = np.einsum("rij,rjk,rlk->ril", T, P, T, optimize=True)
+        self.engine.restore(np.where(rows, np.einsum("rij,rj->ri", T, x), x), np.where(rows[..., np.newaxis], moved, P))

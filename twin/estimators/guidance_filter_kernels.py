@@ -14,23 +14,24 @@ from twin.signals import BoolArray, FloatArray, IntArray
 
 _turned = compiled(turned)
 _E, _N, _PSI, _B, _V = range(5)
-SCALE, GYRO_SCALE, STEERING, SLOW, OTHER, JUMP, ANCHOR = range(7)
+SCALE, GYRO_SCALE, STEERING, SLOW, OTHER, JUMP, DRIFT, ANCHOR = range(8)
 """Order of the places."""
 HEADING_WALK, BIAS_WALK, TURN, TURN_S, ACCELERATION, SLIP, SLIP_S, SCALE_WALK, WALK = range(9)
 """Order of the machine's noises, the fields of :class:`twin.estimators.guidance_filter_model.MotionNoise`."""
-SLOW_M, SLOW_S, OTHER_M, OTHER_S, JUMP_M, JUMP_S = range(6)
-"""Rows of the receiver's noises (6, R)."""
+SLOW_M, SLOW_S, OTHER_M, OTHER_S, JUMP_M, JUMP_S, DRIFT_S = range(7)
+"""Rows of the receiver's noises (7, R)."""
 
 
 @compiled
 def _keeps(  # noqa: PLR0917 - compiled functions are called by position
     noise: FloatArray, receiver: FloatArray, m: int, dt_s: float, has_rate: bool, rate_known: bool, speed_known: bool
-) -> tuple[float, float, float, float, float]:
-    """What a span leaves of member m's rate, slip, slow, other and jump."""
+) -> tuple[float, float, float, float, float, float]:
+    """What a span leaves of member m's rate, slip, slow, other, jump and drift."""
     rate = 1.0 if rate_known or has_rate else np.exp(-dt_s / noise[TURN_S])
     slip = np.exp(-dt_s / noise[SLIP_S]) if speed_known else 1.0
     slow, other = np.exp(-dt_s / receiver[SLOW_S, m]), np.exp(-dt_s / receiver[OTHER_S, m])
-    return rate, slip, slow, other, np.exp(-dt_s / receiver[JUMP_S, m])
+    jump, drift = np.exp(-dt_s / receiver[JUMP_S, m]), np.exp(-dt_s / receiver[DRIFT_S, m])
+    return rate, slip, slow, other, jump, drift
 
 
 @compiled
@@ -79,12 +80,13 @@ def span_transition(  # noqa: PLR0917
             by_scale, place = dt_s * share * rate, places[GYRO_SCALE]
             F[_PSI, place, m] = by_scale
             F[_E, place, m], F[_N, place, m] = 0.5 * east * by_scale, 0.5 * north * by_scale
-        by_rate, slip, slow, other, jump = _keeps(noise, receiver, m, dt_s, has_rate, known[0, m], known[1, m])
+        by_rate, slip, slow, other, jump, drift = _keeps(noise, receiver, m, dt_s, has_rate, known[0, m], known[1, m])
         moved[_B, m] *= by_rate
         F[_B, _B, m] = by_rate
         moved[_V, m] *= slip
         F[_V, _V, m] = slip
-        for first, keep in ((places[SLOW], slow), (places[OTHER], other), (places[JUMP], jump)):
+        errors = ((places[SLOW], slow), (places[OTHER], other), (places[JUMP], jump), (places[DRIFT], drift))
+        for first, keep in errors:
             if first >= 0:
                 for place in range(first, first + 2):
                     moved[place, m] *= keep
@@ -108,7 +110,7 @@ def span_noise(  # noqa: PLR0917
     Q = np.zeros((n, n, runs))
     for m in range(runs):
         speed, moves = abs(means[1, m]), not known[2, m]
-        by_rate, slip, slow, other, jump = _keeps(noise, receiver, m, dt_s, has_rate, known[0, m], known[1, m])
+        by_rate, slip, slow, other, jump, drift = _keeps(noise, receiver, m, dt_s, has_rate, known[0, m], known[1, m])
         if moves:
             Q[_E, _E, m] = Q[_N, _N, m] = noise[WALK] ** 2 * dt_s * max(speed, 0.1)
             silent = noise[TURN] ** 2 * 2.0 * noise[TURN_S] if has_rate else 0.0
@@ -128,6 +130,7 @@ def span_noise(  # noqa: PLR0917
             (places[SLOW], receiver[SLOW_M, m] ** 2 * (1.0 - slow**2)),
             (places[OTHER], receiver[OTHER_M, m] ** 2 * (1.0 - other**2)),
             (places[JUMP], receiver[JUMP_M, m] ** 2 * (1.0 - jump**2)),
+            (places[DRIFT], 1.0 - drift**2),
         ):
             if first >= 0:
                 Q[first, first, m] = Q[first + 1, first + 1, m] = variance
@@ -135,11 +138,13 @@ def span_noise(  # noqa: PLR0917
 
 
 @compiled
-def seen_antenna(x: FloatArray, places: IntArray, forward_m: float, left_m: float) -> tuple[FloatArray, FloatArray]:
-    """Expected position of an antenna (2, R) and the Jacobian (2, n, R)."""
+def seen_antenna(
+    x: FloatArray, places: IntArray, forward_m: float, left_m: float, drift_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Expected position of an antenna (2, R) and the Jacobian (2, n, R); ``drift_m`` (R,) is what D counts."""
     runs, n = x.shape
     seen, H = np.empty((2, runs)), np.zeros((2, n, runs))
-    slow, jump = places[SLOW], places[JUMP]
+    slow, jump, drift = places[SLOW], places[JUMP], places[DRIFT]
     for m in range(runs):
         east, north = _turned(forward_m, left_m, x[m, _PSI])
         seen[0, m], seen[1, m] = x[m, _E] + east + x[m, slow], x[m, _N] + north + x[m, slow + 1]
@@ -149,6 +154,9 @@ def seen_antenna(x: FloatArray, places: IntArray, forward_m: float, left_m: floa
             if jump >= 0:
                 seen[axis, m] += x[m, jump + axis]
                 H[axis, jump + axis, m] = 1.0
+            if drift >= 0:
+                seen[axis, m] += drift_m[m] * x[m, drift + axis]
+                H[axis, drift + axis, m] = drift_m[m]
     return seen, H
 
 

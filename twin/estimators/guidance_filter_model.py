@@ -12,10 +12,13 @@ States, with u the told speed and r the told rate of turn:
     S          offset of the told steering angle, rad        (where there is one)
     C, J       slow error of the receiver's position, east and north, and the part of it that steps (where it has one):
                Gauss-Markov processes
+    D          what its fixes drift per second that their corrections age, in units of its standard deviation (where
+               they do, and the age is told): a Gauss-Markov process of variance one
     O          slow error of the kind of solution that was there before the one of now: it goes on unseen
-    A          what C + J was at some moment: see :mod:`twin.estimators.guidance_filter_core`
+    A          what C + J + (age x rate) D was at some moment: see :mod:`twin.estimators.guidance_filter_core`
 
-A receiver sees P + lever arm + C + J + white. While the wheels stand, nothing of the machine moves and r is b.
+A receiver sees P + lever arm + C + J + (age x rate) D + white. While the wheels stand, nothing of the machine moves and
+r is b.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import numpy as np
 
 from twin.estimators.guidance_filter_inputs import Span
 from twin.estimators.guidance_filter_kernels import (
+    DRIFT_S,
     JUMP_M,
     JUMP_S,
     OTHER_M,
@@ -45,7 +49,7 @@ E, N, PSI, B, V = range(5)
 class Layout:
     """Places of the states that not every filter has; None for those that are missing."""
 
-    def __init__(self, *, speed: bool, rate: bool, steering: bool, jumps: bool, anchor: bool) -> None:
+    def __init__(self, *, speed: bool, rate: bool, steering: bool, jumps: bool, drifts: bool, anchor: bool) -> None:
         self.size = V + 1
         self.scale = self._next(1) if speed else None
         self.gyro_scale = self._next(1) if rate else None
@@ -54,11 +58,13 @@ class Layout:
         """East; north is the next."""
         self.other = self._next(2)
         self.jump = self._next(2) if jumps else None
+        self.drift = self._next(2) if drifts else None
         self.anchor = self._next(2) if anchor else None
         self.has_rate, self.has_speed = rate, speed
         self.errors = np.arange(self.slow, self.size)
         """Places of all that is the receiver's."""
-        every = (self.scale, self.gyro_scale, self.steering, self.slow, self.other, self.jump, self.anchor)
+        machine = (self.scale, self.gyro_scale, self.steering)
+        every = (*machine, self.slow, self.other, self.jump, self.drift, self.anchor)
         self.places: IntArray = np.array([-1 if place is None else place for place in every], dtype=np.int64)
         """All of them, -1 for those that are missing, as the compiled functions want them."""
 
@@ -100,7 +106,7 @@ class MotionNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceiverNoise:
-    """Sigma (m) and correlation time (s) of the receiver's errors C, O and J; (R,) but for the last."""
+    """Sigma (m) and correlation time (s) of the receiver's errors C, O and J, and of D; (R,) but for the last two."""
 
     slow_m: FloatArray
     slow_s: FloatArray
@@ -108,6 +114,7 @@ class ReceiverNoise:
     other_s: FloatArray
     jump_m: FloatArray
     jump_s: float
+    drift_s: float
 
 
 class SpanMotion:
@@ -126,10 +133,11 @@ class SpanMotion:
         self._layout, self._dt_s = layout, span.dt_s
         self._means, self._known = moves_of(span, turning)
         self._noise = noise.row()
-        self._receiver = np.empty((6, len(span.rate)))
+        self._receiver = np.empty((7, len(span.rate)))
         self._receiver[SLOW_M], self._receiver[SLOW_S] = receiver.slow_m, receiver.slow_s
         self._receiver[OTHER_M], self._receiver[OTHER_S] = receiver.other_m, receiver.other_s
         self._receiver[JUMP_M], self._receiver[JUMP_S] = receiver.jump_m, receiver.jump_s
+        self._receiver[DRIFT_S] = receiver.drift_s
 
     def linearise(self, x: FloatArray, u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """State after the span and its Jacobian; what moves the machine is the span's, not ``u``."""
@@ -158,12 +166,15 @@ def moves_of(span: Span, turning: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 class AntennaSeen:
-    """Position of an antenna ``forward_m`` before and ``left_m`` to the left of the rear axle, with its errors."""
+    """Position of an antenna ``forward_m`` before and ``left_m`` to the left of the rear axle, with its errors.
+
+    ``drift_m`` (R,) is what a unit of D makes of the sample.
+    """
 
     R: FloatArray = np.ones(2)
 
-    def __init__(self, layout: Layout, *, forward_m: float, left_m: float) -> None:
-        self._layout, self._forward_m, self._left_m = layout, forward_m, left_m
+    def __init__(self, layout: Layout, *, forward_m: float, left_m: float, drift_m: FloatArray) -> None:
+        self._layout, self._forward_m, self._left_m, self._drift_m = layout, forward_m, left_m, drift_m
 
     def h(self, x: FloatArray) -> FloatArray:
         """Expected east and north, shape (R, 2)."""
@@ -174,7 +185,7 @@ class AntennaSeen:
         return self._seen(x)[1].transpose(2, 0, 1)
 
     def _seen(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return seen_antenna(np.ascontiguousarray(x), self._layout.places, self._forward_m, self._left_m)
+        return seen_antenna(np.ascontiguousarray(x), self._layout.places, self._forward_m, self._left_m, self._drift_m)
 
 
 class VelocitySeen:

@@ -4,7 +4,8 @@ The kind of solution (fix, float, differential, single) decides: figures are the
 receivers where it is silent. What a receiver reports may widen them, never narrow them: a float solution may claim
 11 mm and be 0.23 m off, and a driver that does not fill the field in reports zero. Widening is by how much the reported
 sigma, or the dilution of precision, is beyond what is usual for the receiver: what its data sheet says it reports, or
-else the class's whole error; the least dilution so far.
+else the class's whole error; the least dilution so far. What a fix is off grows with the age of its corrections, and
+what the receiver is expected to report with it.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ _PREFIXES = tuple(f"{STATES[quality]}_" if quality in STATES else "" for quality
 _RTK_M = 0.1
 """Reported sigma on a data sheet below which its plain figures are those of a fix."""
 _JUMPS_S = 120.0
+_AGE_DRIFT_M_S, _AGE_DRIFT_S = 7.4e-4, 100.0
+"""Of a fix per second of age, and how long it keeps its direction, where the data sheet is silent: an F9P's."""
 _LEAST_WHITE_M = 2e-3
 _MOST_WIDER = 20.0
 
@@ -46,12 +49,16 @@ class FixError:
     jump_m: FloatArray
     """Part that steps."""
     white_m: FloatArray
+    drift_m: FloatArray
+    """What the age of corrections makes of a unit of drift."""
+    dilution: FloatArray
+    """Dilution of precision against the least so far."""
 
 
 class FixErrors:
     """Errors of a receiver's samples, by its data sheet and what it reports."""
 
-    def __init__(self, sheet: Mapping[str, float], runs: int) -> None:
+    def __init__(self, sheet: Mapping[str, float], runs: int, *, tells_age: bool) -> None:
         rtk = sheet.get("position_noise_m", math.inf) < _RTK_M
         self._table = np.array([_figures(sheet, kind, plain_is_fix=rtk) for kind in range(4)])
         usual = sheet.get("position_noise_m")
@@ -64,6 +71,11 @@ class FixErrors:
         """1/e time of the part that steps."""
         self.white_told = any(name.endswith("position_white_sigma_m") for name in sheet)
         """Whether the data sheet tells what is new in a fix."""
+        self._drift_m_s = sheet.get("position_age_drift_m_s", _AGE_DRIFT_M_S) if tells_age else 0.0
+        self.drift_s = sheet.get("age_drift_correlation_s", _AGE_DRIFT_S)
+        """1/e time of what the age of corrections makes of a fix."""
+        self.drifts = self._drift_m_s > 0.0
+        """Whether that makes anything of it."""
         self.jumps = bool(self._table[:, 3].any())
         """Whether the receiver has such a part."""
         rounding = sheet.get("position_resolution_m", 0.0)
@@ -80,10 +92,18 @@ class FixErrors:
         self._least_hdop = np.where(known & fix.there, np.fmin(fix.hdop, self._least_hdop), self._least_hdop)
         diluted = np.where(known, fix.hdop / self._least_hdop, 1.0)
         reported = np.sqrt(0.5 * np.square(fix.sigma).sum(axis=1))
-        said = np.where(np.isfinite(reported), reported / self._reports[kind], 1.0)
+        ages = (kind == FIXED) & (fix.age_s > 0.0)  # False for NaN
+        drift = np.where(ages, self._drift_m_s * np.where(ages, fix.age_s, 0.0), 0.0)
+        said = np.where(np.isfinite(reported), reported / np.hypot(self._reports[kind], drift), 1.0)
         wider = np.clip(np.fmax(diluted, said), 1.0, _MOST_WIDER)
         return FixError(
-            kind=kind, slow_m=slow * wider, slow_s=correlation_s, jump_m=jump * wider, white_m=white * wider
+            kind=kind,
+            slow_m=slow * wider,
+            slow_s=correlation_s,
+            jump_m=jump * wider,
+            white_m=white * wider,
+            drift_m=drift * wider,
+            dilution=diluted,
         )
 
 

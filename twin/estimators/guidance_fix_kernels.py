@@ -7,17 +7,17 @@ import numpy as np
 from twin.compiled import compiled
 from twin.signals import BoolArray, FloatArray, IntArray
 
-EAST, NORTH, SPEED, COURSE, SIGMA_E, SIGMA_N, QUALITY, HDOP = range(8)
+EAST, NORTH, SPEED, COURSE, SIGMA_E, SIGMA_N, QUALITY, HDOP, AGE = range(9)
 """Columns of a fix."""
-COLUMNS = 8
+COLUMNS = 9
 _NS_PER_S = 1e9
 
 
 @compiled
 def read_fix(values: FloatArray, valid: BoolArray, places: IntArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """A receiver's sample (R, n) as columns (8, R), its position (R, 2), and whether (R,) it has one.
+    """A receiver's sample (R, n) as columns (9, R), its position (R, 2), and whether (R,) it has one.
 
-    ``places`` (8,) are the columns' places, -1 for what the receiver does not tell (NaN). Speed and course of a sample
+    ``places`` (9,) are the columns' places, -1 for what the receiver does not tell (NaN). Speed and course of a sample
     that was lost are none, nor is a reported sigma of zero.
     """
     runs = len(values)

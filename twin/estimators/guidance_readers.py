@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.errors import BadInputError
+from twin.estimators.guidance_fix_kernels import AGE as AGE_ROW
 from twin.estimators.guidance_fix_kernels import COURSE as COURSE_ROW
 from twin.estimators.guidance_fix_kernels import HDOP, QUALITY, SIGMA_E, SIGMA_N, read_fix
 from twin.estimators.guidance_fix_kernels import SPEED as SPEED_ROW
@@ -28,7 +29,7 @@ from twin.geometry import rotation_from_rpy, turned
 from twin.signals import NS_PER_S, YAW_RATE, BoolArray, EstimatorSetup, FloatArray, IntArray, Measurement, SensorInfo
 
 ODOMETRY, YAW_GYRO, ANGLE_TRANSDUCER = "odometry", "yaw_gyro", "angle_transducer"
-COURSE, STEERING_ANGLE = "course_rad", "steering_angle_rad"
+COURSE, STEERING_ANGLE, AGE = "course_rad", "steering_angle_rad", "age_s"
 RATE_KINDS = (YAW_GYRO, IMU, ODOMETRY)
 """What tells a rate of turn, in the order in which they are preferred."""
 SPEED_KINDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
@@ -36,7 +37,7 @@ SPEED_KINDS = (WHEEL_ENCODERS, ODOMETRY, RADAR)
 
 _SIGMAS = ("sigma_e_m", "sigma_n_m")
 _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
-_FIX_COLUMNS = (*POSITION_COLUMNS, SPEED_COLUMN, COURSE, *_SIGMAS, "quality", "hdop")
+_FIX_COLUMNS = (*POSITION_COLUMNS, SPEED_COLUMN, COURSE, *_SIGMAS, "quality", "hdop", AGE)
 """In the order of the compiled functions."""
 _NEVER = np.iinfo(np.int64).min
 
@@ -62,6 +63,8 @@ class Fix:
     """(R,) NMEA quality (GGA field 6); NaN where not told."""
     hdop: FloatArray
     """(R,) horizontal dilution of precision; NaN where not told."""
+    age_s: FloatArray
+    """(R,) of corrections; NaN where not told."""
 
 
 class FixReader:
@@ -99,6 +102,7 @@ class FixReader:
             sigma=columns[SIGMA_E : SIGMA_N + 1].T,
             quality=columns[QUALITY],
             hdop=columns[HDOP],
+            age_s=columns[AGE_ROW],
         )
 
     def reference(self, antenna: FloatArray, heading: FloatArray) -> FloatArray:

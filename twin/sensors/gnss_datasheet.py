@@ -24,6 +24,7 @@ def datasheet(config: GnssConfig) -> dict[str, float]:
         **_height_of_the_usual_state(config),
         **_heights_of_lesser_states(config),
         **_horizontal(config.usual_state, ""),
+        **_ageing(config),
         **_options(config),
     }
 
@@ -54,12 +55,20 @@ def _height_of_the_usual_state(config: GnssConfig) -> dict[str, float]:
         "height_correlated_sigma_m": state.correlated_sigma_m[_UP],
         "height_correlation_s": state.correlation_s[_UP],
         "height_white_sigma_m": state.white_sigma_m[_UP],
-        "height_age_drift_m_s": state.age_drift_m_s[_UP],
-        "age_drift_correlation_s": config.age_drift_correlation_s,
     }
     if state.until_age_s is not None:
         sheet["until_age_s"] = state.until_age_s
     return sheet
+
+
+def _ageing(config: GnssConfig) -> dict[str, float]:
+    """How the usual state's error grows with the age of corrections."""
+    drift = config.usual_state.age_drift_m_s
+    return {
+        "height_age_drift_m_s": drift[_UP],
+        "position_age_drift_m_s": _level(drift),
+        "age_drift_correlation_s": config.age_drift_correlation_s,
+    }
 
 
 def _heights_of_lesser_states(config: GnssConfig) -> dict[str, float]:
