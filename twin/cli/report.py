@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from twin.cli.tables import COLOURS, bus_table, counts, metrics_table, summary_table, tick
+from twin.cli.tables import bus_table, counts, metrics_table, summary_table, tick, verdict_words
 from twin.scenario import LoadedScenario
 from twin.scoring import Repetitions
 
@@ -92,7 +92,7 @@ class Reporter:
 
     @staticmethod
     def _last_line(found: Repetitions) -> Text:
-        line = Text.assemble("verdict: ", (found.verdict, COLOURS[found.verdict]))
+        line = verdict_words(found.verdict, checked=bool(found.checks) or found.first.baseline_compared)
         early = next((each for each in found.verdicts if each.ended_reason != "duration"), None)
         if early is not None:
             line.append(f" ({early.ended_reason} at {early.ended_t_s:.2f} s)")

@@ -15,7 +15,7 @@ from rich.text import Text
 from twin import scenario as scenario_files
 from twin.cli import EXIT_FAILED, EXIT_OK
 from twin.cli.report import Reporter
-from twin.cli.tables import COLOURS, figure, tick
+from twin.cli.tables import COLOURS, figure, tick, verdict_words
 from twin.errors import BadInputError
 from twin.runfolder import replacing, require_writable, write_result
 from twin.scenario import LoadedScenario
@@ -161,7 +161,7 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
     for line in merged.ended:
         reporter.line(Text(line, style=COLOURS["error"]))
     timing = merged.timing
-    last = Text.assemble("verdict: ", (merged.verdict, COLOURS[merged.verdict]))
+    last = verdict_words(merged.verdict, checked=any(point.outcomes for point in merged.points))
     last.append(f"   {merged.plan.runs} members in each of {len(merged.plan.seeds)} worlds in {timing['wall_s']:.1f} s")
     if "single_s" in timing:
         share = timing["wall_s"] / (merged.plan.runs * len(merged.plan.seeds) * len(merged.points))
