@@ -51,6 +51,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "terrain of absurd size": ({"terrain": {"kind": "flat", "size_m": [1e6, 1e6]}}, "terrain"),
     "duration of absurd memory": ({"duration_s": 36_000.0, "recording": {"truth_hz": 500.0}}, "GB of memory"),
+    "duration of less than a step": ({"duration_s": 1e-9}, "duration_s = 1e-09: shorter than one step of the physics"),
     "turn without a radius": ({"driver": {"path": [{"turn_deg": 90.0}]}}, "turn_deg and radius_m go together"),
     "fault window backwards": (
         {"sensors": {"radar": {"faults": [{"kind": "outage", "from_s": 3.0, "to_s": 2.0}]}}},
