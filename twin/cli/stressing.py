@@ -145,6 +145,7 @@ def _compare_singles(
 
 
 def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: Reporter) -> None:
+    several = merged.plan.runs * len(merged.plan.seeds) > 1
     for point in merged.points:
         reporter.line("")
         if point.label:
@@ -155,7 +156,8 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         if point.consistency:
             reporter.table(_consistency(point))
         for outcome in point.outcomes:
-            reporter.line(Text.assemble(tick(outcome.ok), " ", outcome.sentence()))
+            of_members = several or outcome.check.confidence is not None
+            reporter.line(Text.assemble(tick(outcome.ok), " ", outcome.sentence(of_members=of_members)))
         for worst in point.worst:
             reporter.line(f"worst {worst.estimator}: {worst.metric} = {figure(worst.value)}: {worst.command}")
     for line in merged.ended:
