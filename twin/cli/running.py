@@ -14,6 +14,7 @@ from pathlib import Path
 from twin import scenario as scenario_files
 from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
 from twin.cli.junit import write_junit
+from twin.cli.notes import tell_notes
 from twin.cli.report import Reporter
 from twin.cli.sentences import write_sentences
 from twin.errors import BadInputError
@@ -82,6 +83,7 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
         require_writable(options.junit.parent)
     if options.nmea is not None:
         require_writable(options.nmea)
+    tell_notes(loaded)
     finished: list[Repetitions | Crash] = []
     for item in loaded:
         try:

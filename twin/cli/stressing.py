@@ -14,6 +14,7 @@ from rich.text import Text
 
 from twin import scenario as scenario_files
 from twin.cli import EXIT_FAILED, EXIT_OK
+from twin.cli.notes import tell_notes
 from twin.cli.report import Reporter
 from twin.cli.tables import COLOURS, figure, tick, verdict_words
 from twin.errors import BadInputError
@@ -63,6 +64,7 @@ def run_stress(name: str, options: StressOptions) -> int:
     )
     loaded = plan.load(0, 0)
     require_writable(options.out)
+    tell_notes(plan.load(point, 0) for point in range(len(plan.points)))
     reporter.line(f"{loaded.name}: {loaded.scenario.title}")
     started = time.perf_counter()
     parts = Parts(options.out / loaded.name, plan, loaded)
