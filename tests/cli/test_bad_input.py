@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from tests.cli.command import command_line, environment, twin, write_scenario
+from twin.cli.running import load_all
+from twin.errors import BadInputError
 
 RADAR = {"preset": "radar_99ppm", "mount": "radar"}
 
@@ -129,6 +131,28 @@ def test_a_wrong_command_is_refused(arguments: list[str], message: str, tmp_path
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     (tmp_path / "empty").mkdir()
     _assert_refused(twin(*arguments, cwd=tmp_path), message)
+
+
+@pytest.mark.parametrize(
+    ("what", "settings", "message"),
+    [
+        ("scraper_rail_rkt", [], "unknown scenario 'scraper_rail_rkt'; did you mean 'scraper_rail_rtk'?"),
+        ("zzz", [], "unknown scenario 'zzz' (twin list names all)"),
+        ("small.toml", ["sensors.radar.preset=radar_98ppm"],
+         "small.toml: sensors.radar.preset: unknown preset 'radar_98ppm'; did you mean 'radar_99ppm'?"),
+        ("small.toml", ["sensors.radar.preset=zzz"],
+         "small.toml: sensors.radar.preset: unknown preset 'zzz' (twin list names all)"),
+        ("small.toml", ["terain.kind=flat"], "small.toml: terain: unknown key; did you mean 'terrain'?"),
+    ],
+)  # fmt: skip
+def test_an_unknown_name_is_told_the_nearest_and_not_all(
+    what: str, settings: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_scenario(tmp_path)
+    with pytest.raises(BadInputError) as refused:
+        load_all([what], settings)
+    assert str(refused.value) == message
 
 
 def test_an_output_folder_that_cannot_be_made_is_refused_before_the_run(tmp_path: Path) -> None:
