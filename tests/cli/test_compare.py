@@ -147,6 +147,14 @@ def test_what_cannot_be_compared_is_refused(
     assert message in ran.stderr
 
 
+@pytest.mark.parametrize("command", ["score", "replay"])
+def test_the_folder_of_a_stress_test_is_no_run(command: str, runs: Path) -> None:
+    told = twin(command, "stress_seed1_worlds1_runs2", cwd=runs)
+    assert told.returncode == 2
+    assert "stress_seed1_worlds1_runs2: the folder of a stress test, and no run; compare it with" in told.stderr
+    assert told.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("metrics", [3, {"a": "much"}, [1.0]])
 def test_a_result_without_numbers_is_refused(metrics: object, runs: Path, copy: Path) -> None:
     _edit_result(copy, metrics=metrics)

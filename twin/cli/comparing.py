@@ -21,7 +21,7 @@ from twin.recording import load_streams
 from twin.runfolder import read_recording, read_result
 from twin.scoring.baselines import DEFAULT_TOLERANCE
 from twin.scoring.comparison import Difference, compare_events, compare_metrics, compare_streams, compare_words
-from twin.scoring.verdict import LOG
+from twin.scoring.verdict import LOG, STRESS
 
 _ABOUT = ("scenario", "seed", "run", "worlds", "runs", "scenario_sha256")
 """Keys of result.json that say what was run: another value is worth a note, but is no difference of its own."""
@@ -54,7 +54,7 @@ def compare_folders(first: Path, second: Path, *, tolerance: float | None, as_js
     if one.kind != other.kind:
         raise BadInputError(f"{first} is a {one.kind}, {second} a {other.kind}: only two of one kind can be compared")
     notes = _notes(one.result, other.result)
-    compare = {"stress": _compare_stress, LOG: _compare_logs}.get(one.kind, _compare_runs)
+    compare = {STRESS: _compare_stress, LOG: _compare_logs}.get(one.kind, _compare_runs)
     found = [*_compare_ends(one.result, other.result), *compare(one, other, tolerance)]
     if as_json:
         print(json.dumps(_as_json(found, notes, tolerance), indent=1, allow_nan=False))
