@@ -155,6 +155,20 @@ def test_an_unknown_name_is_told_the_nearest_and_not_all(
     assert str(refused.value) == message
 
 
+def test_a_scenario_that_is_named_twice_is_run_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_scenario(tmp_path)
+    write_scenario(tmp_path, "other")
+    (tmp_path / "alias.toml").symlink_to(path)
+    loaded = load_all([str(path), "other.toml", "small.toml", "./small.toml", str(tmp_path)], [])
+    assert [item.path for item in loaded] == [path, Path("other.toml"), tmp_path / "alias.toml"]
+    # Another of the same name would go to the same folder.
+    (tmp_path / "below").mkdir()
+    write_scenario(tmp_path / "below")
+    with pytest.raises(BadInputError, match="two scenarios of the same name"):
+        load_all([str(path), "below/small.toml"], [])
+
+
 def test_an_output_folder_that_cannot_be_made_is_refused_before_the_run(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     result = twin("run", write_scenario(tmp_path), "--out", tmp_path / "file" / "below", cwd=tmp_path)
