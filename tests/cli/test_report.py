@@ -1,5 +1,6 @@
 """What a person is told of a run, from its verdict on."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,22 @@ def test_a_run_without_checks_says_so(capsys: pytest.CaptureFixture[str]) -> Non
     assert "verdict: pass\n" in _told(capsys, checks=[HOLDS])
     # A baseline is a check of another kind.
     assert "verdict: pass\n" in _told(capsys, baseline_compared=True)
+
+
+def test_progress_is_told_once_there_is_some(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = iter(range(0, 1000, 10))
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
+    scenario = resolve(small_scenario(), where="test")
+    loaded = LoadedScenario(name="small", path=Path("small.toml"), scenario=scenario, toml="")
+    with Reporter(quiet=False).progress(loaded) as progress:
+        # Two runs one after the other, each from its own begin on.
+        for t_s in (0.0, 0.2, 1.0, 1.2, 3.9, 0.0, 0.4, 4.0, 2.0):
+            progress(t_s)
+    title, *told = capsys.readouterr().out.splitlines()
+    assert title == "small: A short straight on flat ground"
+    assert told == ["small: 1 of 4 s", "small: 4 of 4 s", "small: 2 of 4 s"]
 
 
 def test_only_what_passes_needs_to_say_that_nothing_was_checked() -> None:
