@@ -98,8 +98,44 @@ def test_a_wrong_extra_check_is_named_by_its_place_among_all(tmp_path: Path) -> 
 def test_a_circle_is_refused(tmp_path: Path) -> None:
     _write(tmp_path, "one", {"extends": "other"})
     path = _write(tmp_path, "other", {"extends": "one"})
-    with pytest.raises(BadInputError, match="extends: more than 5 files deep"):
+    with pytest.raises(BadInputError, match=r"one.toml: extends: 'other' extends itself \(other -> one -> other\)"):
         load(path)
+    path = _write(tmp_path, "alone", {"extends": "alone"})
+    with pytest.raises(BadInputError, match=r"alone.toml: extends: 'alone' extends itself \(alone -> alone\)"):
+        load(path)
+
+
+def test_only_so_many_files_deep(tmp_path: Path) -> None:
+    _base(tmp_path)
+    for depth in range(6):
+        _write(tmp_path, f"file_{depth}", {"extends": f"file_{depth - 1}" if depth else "_base"})
+    load(tmp_path / "file_4.toml")
+    with pytest.raises(BadInputError, match="extends: more than 5 files deep"):
+        load(tmp_path / "file_5.toml")
+
+
+def test_a_misspelt_base_is_told_the_nearest(tmp_path: Path) -> None:
+    _base(tmp_path)
+    path = _write(tmp_path, "child", {"extends": "bse"})
+    with pytest.raises(BadInputError, match=r"there is no bse.toml beside it; did you mean '_base'\?"):
+        load(path)
+
+
+def test_a_new_sensor_that_does_not_fit_may_be_another_that_is_misspelt(tmp_path: Path) -> None:
+    path = _write(tmp_path, "alone", small_scenario())
+    settings = [("sensors.gns.preset", "rtk_survey"), ("sensors.gns.rate_hz", 5.0)]
+    told = (
+        r"sensors\.gns\.mount: missing.*\n"
+        r"--set sensors\.gns\.preset: unknown sensor 'gns'; did you mean 'gnss'\? "
+        r"\(there are gnss, .*radar\): it would be a new one$"
+    )
+    with pytest.raises(BadInputError, match=told):
+        load(path, settings=settings)
+    # One that fits is a new sensor, and no mistake elsewhere is blamed on it.
+    settings.append(("sensors.gns.mount", "antenna"))
+    assert "gns" in load(path, settings=settings).scenario.sensors
+    with pytest.raises(BadInputError, match=r"duration_s: given -1\.0: [^\n]*$"):
+        load(path, settings=[*settings, ("duration_s", -1.0)])
 
 
 def test_the_schema_allows_what_a_family_needs() -> None:

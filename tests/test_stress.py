@@ -88,7 +88,7 @@ def test_values_to_vary_are_ranges_or_lists() -> None:
     assert parse_vary("sensors.gnss.preset=rtk_f9p,lea_5s") == [
         ("sensors.gnss.preset", "rtk_f9p"), ("sensors.gnss.preset", "lea_5s"),
     ]  # fmt: skip
-    for wrong in ("a", "a=", "a=1:b", "a=1:2:0", "a=1:2:3:4"):
+    for wrong in ("a", "a=", "a=1:b", "a=1:2:0", "a=1:2:3:4", "a=2:1", "a=1:-1:3"):
         with pytest.raises(BadInputError, match="--vary"):
             parse_vary(wrong)
 

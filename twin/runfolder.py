@@ -17,7 +17,7 @@ from twin.paths import plain_name
 from twin.pictures import load_pictures
 from twin.recording import TRUTH, Recording, Stream, load_events, load_streams
 from twin.scoring import Verdict
-from twin.scoring.verdict import LOG
+from twin.scoring.verdict import LOG, STRESS
 
 RESULT = "result.json"
 _LARGEST_RESULT = 50_000_000
@@ -121,9 +121,15 @@ def read_recording(folder: Path) -> Recording:
     """Read a run folder back as a recording.
 
     Raises:
-        BadInputError: something is missing or cannot be read, or it is a replayed log, which has no scenario.
+        BadInputError: something is missing or cannot be read, or it is a replayed log, which has no scenario, or the
+            folder of a stress test, which keeps no streams.
     """
     result = read_result(folder)
+    if result.get("kind") == STRESS:
+        raise BadInputError(
+            f"{folder}: the folder of a stress test, and no run; compare it with twin compare, or run a member alone"
+            f" ({RESULT} has the commands of the worst)"
+        )
     if result.get("kind") == LOG:
         raise BadInputError(f"{folder}: a replayed log; look at it with twin view, or compare it with twin compare")
     try:

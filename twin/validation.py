@@ -42,6 +42,8 @@ def _unknown_key(keys: list[str], types_on_the_way: list[Any]) -> str:
     for model in models_of(types_on_the_way[-1]):
         allowed += [name for name in model.model_fields if name not in allowed]
     hint = did_you_mean(keys[-1], allowed)
+    if hint and len(keys) == 1:
+        return f"{keys[0]}: unknown key{hint}"  # all sections would be too many to read
     return f"{'.'.join(keys)}: unknown key{hint} (allowed here: {', '.join(allowed)})"
 
 
@@ -49,6 +51,11 @@ def did_you_mean(given: str, allowed: Iterable[str]) -> str:
     """``; did you mean 'x'?`` where something allowed is near to what was given, else nothing."""
     near = difflib.get_close_matches(given, list(allowed), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def unknown_listed(given: str, known: Iterable[str], what: str) -> str:
+    """Say that a name is not among the many of ``twin list``: with the nearest one, or where to look."""
+    return f"unknown {what} {given!r}{did_you_mean(given, known) or ' (twin list names all)'}"
 
 
 def _short(value: object) -> str:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from tests.cli.command import command_line, environment, twin, write_scenario
+from twin.cli.running import load_all
+from twin.errors import BadInputError
 
 RADAR = {"preset": "radar_99ppm", "mount": "radar"}
 
@@ -51,6 +53,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "terrain of absurd size": ({"terrain": {"kind": "flat", "size_m": [1e6, 1e6]}}, "terrain"),
     "duration of absurd memory": ({"duration_s": 36_000.0, "recording": {"truth_hz": 500.0}}, "GB of memory"),
+    "duration of less than a step": ({"duration_s": 1e-9}, "duration_s = 1e-09: shorter than one step of the physics"),
     "turn without a radius": ({"driver": {"path": [{"turn_deg": 90.0}]}}, "turn_deg and radius_m go together"),
     "fault window backwards": (
         {"sensors": {"radar": {"faults": [{"kind": "outage", "from_s": 3.0, "to_s": 2.0}]}}},
@@ -128,6 +131,42 @@ def test_a_wrong_command_is_refused(arguments: list[str], message: str, tmp_path
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     (tmp_path / "empty").mkdir()
     _assert_refused(twin(*arguments, cwd=tmp_path), message)
+
+
+@pytest.mark.parametrize(
+    ("what", "settings", "message"),
+    [
+        ("scraper_rail_rkt", [], "unknown scenario 'scraper_rail_rkt'; did you mean 'scraper_rail_rtk'?"),
+        ("zzz", [], "unknown scenario 'zzz' (twin list names all)"),
+        ("small.toml", ["sensors.radar.preset=radar_98ppm"],
+         "small.toml: sensors.radar.preset: unknown preset 'radar_98ppm'; did you mean 'radar_99ppm'?"),
+        ("small.toml", ["sensors.radar.preset=zzz"],
+         "small.toml: sensors.radar.preset: unknown preset 'zzz' (twin list names all)"),
+        ("small.toml", ["terain.kind=flat"], "small.toml: terain: unknown key; did you mean 'terrain'?"),
+    ],
+)  # fmt: skip
+def test_an_unknown_name_is_told_the_nearest_and_not_all(
+    what: str, settings: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_scenario(tmp_path)
+    with pytest.raises(BadInputError) as refused:
+        load_all([what], settings)
+    assert str(refused.value) == message
+
+
+def test_a_scenario_that_is_named_twice_is_run_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_scenario(tmp_path)
+    write_scenario(tmp_path, "other")
+    (tmp_path / "alias.toml").symlink_to(path)
+    loaded = load_all([str(path), "other.toml", "small.toml", "./small.toml", str(tmp_path)], [])
+    assert [item.path for item in loaded] == [path, Path("other.toml"), tmp_path / "alias.toml"]
+    # Another of the same name would go to the same folder.
+    (tmp_path / "below").mkdir()
+    write_scenario(tmp_path / "below")
+    with pytest.raises(BadInputError, match="two scenarios of the same name"):
+        load_all([str(path), "below/small.toml"], [])
 
 
 def test_an_output_folder_that_cannot_be_made_is_refused_before_the_run(tmp_path: Path) -> None:

@@ -113,11 +113,29 @@ def test_another_run_is_said_and_the_truth_is_shared(runs: Path) -> None:
     assert not [each for each in told["differences"] if each["kind"] == "events"]
 
 
-def test_another_scenario_of_the_same_name_is_said(runs: Path, copy: Path) -> None:
-    _edit_result(copy, scenario_sha256="0")
+def _edit_scenario(folder: Path, was: str, becomes: str) -> None:
+    path = folder / "scenario.toml"
+    text = path.read_text()
+    assert was in text
+    path.write_text(text.replace(was, becomes))
+
+
+def test_another_scenario_of_the_same_name_is_said_whatever_the_seeds(runs: Path, copy: Path) -> None:
+    another = "the scenario of that name is another one (scenario.toml differs)"
+    _edit_result(copy, scenario_sha256="0", seed=2)
+    _edit_scenario(copy, "seed = 1\n", "seed = 2\n")
     code, told = _differences(runs / "seed1_run0", copy)
     assert code == 0
-    assert told["notes"] == ["the scenario of that name is another one (scenario.toml differs)"]
+    assert told["notes"] == ["another seed: 1 and 2"]
+    _edit_scenario(copy, "A short straight", "A longer straight")
+    assert _differences(runs / "seed1_run0", copy)[1]["notes"] == ["another seed: 1 and 2", another]
+    _edit_result(copy, scenario_sha256="0", seed=1)
+    assert _differences(runs / "seed1_run0", copy)[1]["notes"] == [another]
+
+
+def test_help_says_what_can_be_compared(tmp_path: Path) -> None:
+    told = " ".join(twin("compare", "--help", cwd=tmp_path).stdout.split())
+    assert "or that of a replayed log" in told
 
 
 def test_stress_tests_are_compared_by_their_quantiles(runs: Path) -> None:
@@ -145,6 +163,14 @@ def test_what_cannot_be_compared_is_refused(
     ran = _compare(first, second, *options, cwd=runs)
     assert ran.returncode == 2, ran.stdout
     assert message in ran.stderr
+
+
+@pytest.mark.parametrize("command", ["score", "replay"])
+def test_the_folder_of_a_stress_test_is_no_run(command: str, runs: Path) -> None:
+    told = twin(command, "stress_seed1_worlds1_runs2", cwd=runs)
+    assert told.returncode == 2
+    assert "stress_seed1_worlds1_runs2: the folder of a stress test, and no run; compare it with" in told.stderr
+    assert told.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("metrics", [3, {"a": "much"}, [1.0]])

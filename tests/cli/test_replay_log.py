@@ -115,6 +115,8 @@ def test_json_prints_json_and_nothing_else(tmp_path: Path) -> None:
         (".", {"origin": "1,2"}, "--origin: is for logs"),
         (".", {"reference_mapping": Path("husky")}, "--reference-mapping: is for logs"),
         (".", {"rrd": False}, "--no-rrd: is for logs"),
+        ("tables", {}, "tables: not a run folder; a log of CSV files needs --mapping"),
+        ("tables", {"reference": Path("log.nmea")}, "tables: not a run folder; a log of CSV files needs --mapping"),
         ("trial.mat", {"rrd": False}, "--no-rrd: is for logs"),
         ("log.nmea", {"reference_mapping": Path("husky")}, "there is no --reference"),
         ("log.nmea", {"reference": Path("far.nmea")}, "begins 53.6 years away"),
@@ -128,6 +130,8 @@ def test_wrong_input_is_told(
     write_nmea(tmp_path / "log.nmea", 20)
     (tmp_path / "junk.nmea").write_bytes(bytes(range(256)) * 40)
     (tmp_path / "empty.nmea").touch()
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "fix.csv").touch()
     place = "5200.0,N,01300.0,E"
     undated = "".join(framed(f"GPGGA,00000{s},{place},1,8,1.0,40.0,M,45.0,M,,") for s in range(9))
     (tmp_path / "undated.nmea").write_text(undated)

@@ -47,6 +47,13 @@ def test_a_difference_says_in_words_what_it_asks_for() -> None:
     assert judge(scenario, {"a": 1.0, "b": 0.5})[0].sentence() == "a - b = 0.5, required <= 0.2"
 
 
+def test_a_share_of_members_is_told_where_there_are_members() -> None:
+    check = {"metric": "a", "max": 2.0, "percentile": 50.0, "confidence": 0.95}
+    (outcome,) = judge(resolve(small_scenario(checks=[check]), where="test"), {"a": 1.0})
+    assert outcome.sentence() == "a = 1, required <= 2"
+    assert outcome.sentence(of_members=True) == "a = 1, required <= 2 (at 50 % of the members, confidence 95 %)"
+
+
 @pytest.mark.parametrize(
     ("check", "message"),
     [

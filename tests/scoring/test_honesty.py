@@ -89,6 +89,16 @@ def test_a_member_without_a_true_fix_has_not_recovered() -> None:
     assert found["honesty.recovered_percent"] == 50.0
 
 
+def test_where_no_member_had_a_true_fix_nobody_could_recover() -> None:
+    scenario, truth = lossy(20.0, (5.0, 10.0), fixes_of="gnss"), heights(20.0)
+    estimate = estimate_of(truth, np.zeros((len(truth), 2)), 0.01)
+    honesty = scored(scenario, truth, estimate, fixes_at(20.0, 99.0, 99.0)).honesty()["one"]
+    assert math.isnan(figures(honesty, scenario)["honesty.recovered_percent"])
+    # Another world in which one of two had one: of all four one has recovered.
+    honesty.merge(scored(scenario, truth, estimate, fixes_at(20.0, 10.0, 99.0)).honesty()["one"])
+    assert figures(honesty, scenario)["honesty.recovered_percent"] == 25.0
+
+
 def test_who_claims_no_sigma_is_neither_honest_nor_not() -> None:
     scenario, truth = lossy(20.0, (5.0, 10.0), fixes_of="gnss"), heights(20.0)
     estimate = estimate_of(truth, np.zeros(len(truth)))

@@ -163,14 +163,16 @@ def score(folder: Annotated[Path, typer.Argument(help="A run folder.")], as_json
 
 @app.command()
 def compare(
-    first: Annotated[Path, typer.Argument(help="A run folder, or the folder of a stress test.")],
+    first: Annotated[
+        Path, typer.Argument(help="A run folder, the folder of a stress test, or that of a replayed log (logs/NAME).")
+    ],
     second: Annotated[Path, typer.Argument(help="Another of the same kind.")],
     tolerance: Annotated[
         float | None, typer.Option(help="Relative tolerance of every value; default: that of baselines.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the differences as JSON, and nothing else.")] = False,
 ) -> int:
-    """Say what differs between two runs: metrics, ends, events and streams."""
+    """Say what differs between two runs, stress tests or replayed logs: metrics, ends, events and streams."""
     from twin.cli.comparing import compare_folders  # noqa: PLC0415
 
     return compare_folders(first, second, tolerance=tolerance, as_json=as_json)

@@ -19,11 +19,12 @@ from twin.errors import BadInputError
 from twin.logreplay.identity import IDENTITY
 from twin.recording import load_streams
 from twin.runfolder import read_recording, read_result
+from twin.scenario import read_toml
 from twin.scoring.baselines import DEFAULT_TOLERANCE
 from twin.scoring.comparison import Difference, compare_events, compare_metrics, compare_streams, compare_words
-from twin.scoring.verdict import LOG
+from twin.scoring.verdict import LOG, STRESS
 
-_ABOUT = ("scenario", "seed", "run", "worlds", "runs", "scenario_sha256")
+_ABOUT = ("scenario", "seed", "run", "worlds", "runs")
 """Keys of result.json that say what was run: another value is worth a note, but is no difference of its own."""
 
 
@@ -53,8 +54,8 @@ def compare_folders(first: Path, second: Path, *, tolerance: float | None, as_js
     one, other = (_Folder(path, read_result(path)) for path in (first, second))
     if one.kind != other.kind:
         raise BadInputError(f"{first} is a {one.kind}, {second} a {other.kind}: only two of one kind can be compared")
-    notes = _notes(one.result, other.result)
-    compare = {"stress": _compare_stress, LOG: _compare_logs}.get(one.kind, _compare_runs)
+    notes = _notes(one, other)
+    compare = {STRESS: _compare_stress, LOG: _compare_logs}.get(one.kind, _compare_runs)
     found = [*_compare_ends(one.result, other.result), *compare(one, other, tolerance)]
     if as_json:
         print(json.dumps(_as_json(found, notes, tolerance), indent=1, allow_nan=False))
@@ -63,24 +64,30 @@ def compare_folders(first: Path, second: Path, *, tolerance: float | None, as_js
     return EXIT_FAILED if found else EXIT_OK
 
 
-def _notes(first: dict[str, Any], second: dict[str, Any]) -> list[str]:
+def _notes(first: _Folder, second: _Folder) -> list[str]:
+    results = first.result, second.result
     notes = []
     for key in _ABOUT:
-        one, other = first.get(key), second.get(key)
-        if one == other:
-            continue
-        if key == "scenario_sha256":
-            if first.get("scenario") == second.get("scenario") and first.get("seed") == second.get("seed"):
-                notes.append("the scenario of that name is another one (scenario.toml differs)")
-        else:
+        one, other = (result.get(key) for result in results)
+        if one != other:
             notes.append(f"another {key}: {one} and {other}")
+    if results[0].get("scenario") == results[1].get("scenario") and _another_scenario(first, second):
+        notes.append("the scenario of that name is another one (scenario.toml differs)")
     one, other = (
         {key: result["log"].get(key) for key in IDENTITY} if isinstance(result.get("log"), dict) else None
-        for result in (first, second)
+        for result in results
     )
     if one is not None and other is not None and one != other:
         notes.append(f"another log: {one['file']} and {other['file']}")
     return notes
+
+
+def _another_scenario(first: _Folder, second: _Folder) -> bool:
+    """Whether the scenarios differ, apart from the seed, which has a note of its own."""
+    if first.result.get("scenario_sha256") == second.result.get("scenario_sha256"):
+        return False
+    one, other = ({**read_toml(each.path / "scenario.toml"), "seed": None} for each in (first, second))
+    return one != other
 
 
 def _compare_runs(first: _Folder, second: _Folder, tolerance: float) -> list[Difference]:

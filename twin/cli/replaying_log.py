@@ -51,6 +51,10 @@ def replay_any(what: Path, options: LogOptions) -> int:
         raise BadInputError(f"{what}: no such file or folder")
     if not trial and (options.mapping is not None or not what.is_dir()):
         return _replay_file(what, options)
+    if not trial and not (what / RESULT).exists() and any(path.suffix.lower() == ".csv" for path in what.iterdir()):
+        raise BadInputError(
+            f"{what}: not a run folder; a log of CSV files needs --mapping, which says what their columns are"
+        )
     for name in ("reference", "mapping", "reference_mapping", "origin", "out"):
         if getattr(options, name) is not None:
             raise BadInputError(f"--{name.replace('_', '-')}: is for logs, and {what} is none")

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from twin.cli.tables import COLOURS, bus_table, counts, metrics_table, summary_table, tick
+from twin.cli.tables import bus_table, counts, metrics_table, summary_table, tick, verdict_words
 from twin.scenario import LoadedScenario
 from twin.scoring import Repetitions
 
@@ -39,35 +39,29 @@ class Reporter:
         duration_s = loaded.scenario.duration_s
         if not self._console.is_terminal:
             self._console.print(f"{loaded.name}: {loaded.scenario.title}")
-            yield self._plain(loaded.name, duration_s)
+            yield self._now_and_then(lambda t_s: f"{loaded.name}: {t_s} of {duration_s:g} s")
             return
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
         with Progress(*columns, TimeRemainingColumn(), console=self._console, transient=True) as bar:
             task = bar.add_task(loaded.name, total=duration_s)
             yield lambda t_s: bar.update(task, completed=t_s)
 
-    def _plain(self, name: str, duration_s: float) -> Callable[[float], None]:
-        last = time.monotonic()
+    def _now_and_then(self, sentence: Callable[[str], str]) -> Callable[[float], None]:
+        """A plain line every few seconds about the time (whole seconds) that has been reached, where there is news."""
+        last, shown = time.monotonic(), "0"
 
         def line(t_s: float) -> None:
-            nonlocal last
-            if time.monotonic() - last >= _PLAIN_LINE_EVERY_S:
-                last = time.monotonic()
-                self._console.print(f"{name}: {t_s:.0f} of {duration_s:g} s")
+            nonlocal last, shown
+            reached = f"{t_s:.0f}"
+            if reached not in {"0", shown} and time.monotonic() - last >= _PLAIN_LINE_EVERY_S:
+                last, shown = time.monotonic(), reached
+                self._console.print(sentence(reached))
 
         return line
 
     def log_progress(self, name: str) -> Callable[[float], None]:
         """A plain line now and then about a log whose length nobody knows."""
-        last = time.monotonic()
-
-        def line(t_s: float) -> None:
-            nonlocal last
-            if time.monotonic() - last >= _PLAIN_LINE_EVERY_S:
-                last = time.monotonic()
-                self._console.print(f"{name}: {t_s:.0f} s read")
-
-        return line
+        return self._now_and_then(lambda t_s: f"{name}: {t_s} s read")
 
     def result(self, loaded: LoadedScenario, found: Repetitions, folders: Sequence[Path], *, rrd: bool) -> None:
         """Table, checks, verdict, speed, and where the files are."""
@@ -92,7 +86,7 @@ class Reporter:
 
     @staticmethod
     def _last_line(found: Repetitions) -> Text:
-        line = Text.assemble("verdict: ", (found.verdict, COLOURS[found.verdict]))
+        line = verdict_words(found.verdict, checked=bool(found.checks) or found.first.baseline_compared)
         early = next((each for each in found.verdicts if each.ended_reason != "duration"), None)
         if early is not None:
             line.append(f" ({early.ended_reason} at {early.ended_t_s:.2f} s)")

@@ -14,6 +14,7 @@ from pathlib import Path
 from twin import scenario as scenario_files
 from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
 from twin.cli.junit import write_junit
+from twin.cli.notes import tell_notes
 from twin.cli.report import Reporter
 from twin.cli.sentences import write_sentences
 from twin.errors import BadInputError
@@ -54,7 +55,7 @@ class Crash:
 
 
 def load_all(names: Sequence[str], settings: Sequence[str], *, seed: int | None = None) -> list[LoadedScenario]:
-    """Load every scenario asked for before the first is run.
+    """Load every scenario asked for before the first is run; one that is asked for twice is loaded once.
 
     Raises:
         BadInputError: one of them is wrong, or two would write to the same folder.
@@ -62,8 +63,10 @@ def load_all(names: Sequence[str], settings: Sequence[str], *, seed: int | None 
     changes = [scenario_files.parse_setting(text) for text in settings]
     if seed is not None:
         changes.append(("seed", seed))
-    files = [path for name in names for path in scenario_files.find(name)]
-    loaded = [scenario_files.load(path, settings=changes) for path in dict.fromkeys(files)]
+    files: dict[tuple[Path, str], Path] = {}
+    for path in (path for name in names for path in scenario_files.find(name)):
+        files.setdefault((path.resolve(), path.stem), path)
+    loaded = [scenario_files.load(path, settings=changes) for path in files.values()]
     seen: dict[str, Path] = {}
     for item in loaded:
         if item.name in seen:
@@ -82,6 +85,7 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
         require_writable(options.junit.parent)
     if options.nmea is not None:
         require_writable(options.nmea)
+    tell_notes(loaded)
     finished: list[Repetitions | Crash] = []
     for item in loaded:
         try:

@@ -14,8 +14,9 @@ from rich.text import Text
 
 from twin import scenario as scenario_files
 from twin.cli import EXIT_FAILED, EXIT_OK
+from twin.cli.notes import tell_notes
 from twin.cli.report import Reporter
-from twin.cli.tables import COLOURS, figure, tick
+from twin.cli.tables import COLOURS, figure, tick, verdict_words
 from twin.errors import BadInputError
 from twin.runfolder import replacing, require_writable, write_result
 from twin.scenario import LoadedScenario
@@ -63,6 +64,7 @@ def run_stress(name: str, options: StressOptions) -> int:
     )
     loaded = plan.load(0, 0)
     require_writable(options.out)
+    tell_notes(plan.load(point, 0) for point in range(len(plan.points)))
     reporter.line(f"{loaded.name}: {loaded.scenario.title}")
     started = time.perf_counter()
     parts = Parts(options.out / loaded.name, plan, loaded)
@@ -145,6 +147,7 @@ def _compare_singles(
 
 
 def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: Reporter) -> None:
+    several = merged.plan.runs * len(merged.plan.seeds) > 1
     for point in merged.points:
         reporter.line("")
         if point.label:
@@ -155,13 +158,14 @@ def _report(merged: StressResult, folder: Path, pictures: list[str], reporter: R
         if point.consistency:
             reporter.table(_consistency(point))
         for outcome in point.outcomes:
-            reporter.line(Text.assemble(tick(outcome.ok), " ", outcome.sentence()))
+            of_members = several or outcome.check.confidence is not None
+            reporter.line(Text.assemble(tick(outcome.ok), " ", outcome.sentence(of_members=of_members)))
         for worst in point.worst:
             reporter.line(f"worst {worst.estimator}: {worst.metric} = {figure(worst.value)}: {worst.command}")
     for line in merged.ended:
         reporter.line(Text(line, style=COLOURS["error"]))
     timing = merged.timing
-    last = Text.assemble("verdict: ", (merged.verdict, COLOURS[merged.verdict]))
+    last = verdict_words(merged.verdict, checked=any(point.outcomes for point in merged.points))
     last.append(f"   {merged.plan.runs} members in each of {len(merged.plan.seeds)} worlds in {timing['wall_s']:.1f} s")
     if "single_s" in timing:
         share = timing["wall_s"] / (merged.plan.runs * len(merged.plan.seeds) * len(merged.points))

@@ -164,6 +164,12 @@ def counts(finished: Sequence[Repetitions | Crash]) -> Text:
     return line.append(f"; {sum(checks)} of {len(checks)} checks hold")
 
 
+def verdict_words(verdict: str, *, checked: bool) -> Text:
+    """``verdict: pass``, and where nothing was checked that it was not."""
+    line = Text.assemble("verdict: ", (verdict, COLOURS[verdict]))
+    return line if checked or verdict != "pass" else line.append(" (no checks)")
+
+
 # --- figures ---------------------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from twin.scenario.files import (
     resolve,
 )
 from twin.scenario.model import RESERVED, Scenario
+from twin.scenario.notes import notes
 from twin.scenario.sections import Check, LossConfig, RecordingConfig, ScoringConfig, WorldConfig, place_key, unknown
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "load",
     "loads",
     "merge",
+    "notes",
     "parse_setting",
     "place_key",
     "read_toml",

@@ -25,7 +25,7 @@ from twin.errors import BadInputError
 from twin.scenario.model import Scenario
 from twin.scenario.sections import unknown
 from twin.sensors.presets import load_preset
-from twin.validation import explain
+from twin.validation import did_you_mean, explain, unknown_listed
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST_EXTENDS = 5
@@ -86,7 +86,7 @@ def find(what: str) -> list[Path]:
         return [known[what]]
     if path.suffix or len(path.parts) > 1:
         raise BadInputError(f"{path}: no such scenario file")
-    raise BadInputError(unknown(what, known, "scenario"))
+    raise BadInputError(unknown_listed(what, known, "scenario"))
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------
@@ -121,19 +121,25 @@ def merge(base: Table, changes: Table) -> Table:
     return merged
 
 
-def _read_extended(path: Path, depth: int = 0) -> Table:
+def _read_extended(path: Path, above: tuple[Path, ...] = ()) -> Table:
+    """Read a file on top of what it extends; ``above`` are the files that extend it."""
     table = read_toml(path)
     parent = table.pop("extends", None)
     if parent is None:
         return _with_extra_checks(_with_drivers_kind(table), path)
     if not isinstance(parent, str):
         raise BadInputError(f"{path}: extends: given {parent!r}, expected the name of a scenario in the same folder")
-    if depth >= _DEEPEST_EXTENDS:
+    if len(above) >= _DEEPEST_EXTENDS:
         raise BadInputError(f"{path}: extends: more than {_DEEPEST_EXTENDS} files deep")
     parent_path = path.parent / f"{paths.plain_name(parent, what=f'{path}: extends:')}.toml"
+    way = (*above, path)
+    if parent_path in way:
+        names = " -> ".join(each.stem for each in (*way[way.index(parent_path) :], parent_path))
+        raise BadInputError(f"{path}: extends: {parent!r} extends itself ({names})")
     if not parent_path.is_file():
-        raise BadInputError(f"{path}: extends: there is no {parent_path.name} beside it")
-    return _with_extra_checks(merge(_read_extended(parent_path, depth + 1), table), path)
+        hint = did_you_mean(parent, (each.stem for each in path.parent.glob("*.toml") if each not in way))
+        raise BadInputError(f"{path}: extends: there is no {parent_path.name} beside it{hint}")
+    return _with_extra_checks(merge(_read_extended(parent_path, way), table), path)
 
 
 def _with_drivers_kind(table: Table) -> Table:
@@ -192,6 +198,19 @@ def apply_setting(table: Table, key: str, value: Any) -> None:
             raise BadInputError(f"--set {key}: {'.'.join(parts[:index])} is a value, not a table")
 
 
+def _made_by(settings: Sequence[tuple[str, Any]], table: Table) -> dict[str, str]:
+    """Sensors and estimators that only the settings name, with what to say should they not fit: a slip, perhaps."""
+    made: dict[str, str] = {}
+    for key, _ in settings:
+        section, _, rest = key.partition(".")
+        name, dot, _ = rest.partition(".")
+        known = table.get(section)
+        if section in {"sensors", "estimators"} and dot and isinstance(known, dict) and name not in known:
+            told = unknown(name, known, section.removesuffix("s"))
+            made.setdefault(f"{section}.{name}", f"--set {key}: {told}: it would be a new one")
+    return made
+
+
 def _with_preset(table: Any, where: str) -> Any:
     if not isinstance(table, dict) or "preset" not in table:
         return table
@@ -233,9 +252,14 @@ def load(path: Path, *, settings: Sequence[tuple[str, Any]] = ()) -> LoadedScena
     """
     name = paths.plain_name(path.stem, what=f"{path}: file name")
     table = _read_extended(path)
+    made = _made_by(settings, table)
     for key, value in settings:
         apply_setting(table, key, value)
-    scenario = resolve(table, where=str(path))
+    try:
+        scenario = resolve(table, where=str(path))
+    except BadInputError as error:
+        hints = [hint for entry, hint in made.items() if f"{entry}." in str(error) or f"{entry}:" in str(error)]
+        raise BadInputError("\n".join([str(error), *hints])) from None
     return LoadedScenario(name=name, path=path, scenario=scenario, toml=_dump(scenario))
 
 

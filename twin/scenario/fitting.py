@@ -11,7 +11,7 @@ from twin.control.path_plan import Segment, tightest_m
 from twin.errors import BadInputError
 from twin.scenario.sections import unknown
 from twin.sensors.triggers import sources
-from twin.signals import JointNeed
+from twin.signals import NS_PER_S, JointNeed, nanoseconds
 from twin.world.terrain import FileTerrain
 
 if TYPE_CHECKING:
@@ -155,6 +155,12 @@ def _rates_divide(scenario: Scenario) -> None:
             raise ValueError(f"{key} = {rate_hz:g} does not divide the physics rate {scenario.world.physics_hz:g} Hz")
 
 
+def _lasts_a_step(scenario: Scenario) -> None:
+    if nanoseconds(scenario.duration_s) < scenario.dt_ns:
+        step_s = scenario.dt_ns / NS_PER_S
+        raise ValueError(f"duration_s = {scenario.duration_s:g}: shorter than one step of the physics, {step_s:g} s")
+
+
 def _files_beside(scenario: Scenario) -> None:
     if isinstance(scenario.terrain, FileTerrain):
         try:
@@ -186,6 +192,7 @@ RULES: tuple[Callable[[Scenario], None], ...] = (
     _path_is_known,
     _driver_can,
     _rates_divide,
+    _lasts_a_step,
     _files_beside,
     _bounded_memory,
 )

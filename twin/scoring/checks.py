@@ -25,8 +25,13 @@ class Outcome:
         value = self.value if math.isfinite(self.value) else None
         return {**self.check.model_dump(exclude_none=True, exclude_defaults=True), "value": value, "ok": self.ok}
 
-    def sentence(self, *, up_to: float | None = None) -> str:
-        """The check in words, for tables and JUnit; of values from this one up to another, if given."""
+    def sentence(self, *, up_to: float | None = None, of_members: bool = False) -> str:
+        """The check in words, for tables and JUnit.
+
+        Args:
+            up_to: of values from this one up to another.
+            of_members: say of how many members it is a statement, where there are several.
+        """
         check = self.check
         what, low, high = check.metric, check.min, check.max
         if check.ratio_to is not None:
@@ -40,9 +45,9 @@ class Outcome:
         )
         first, last = (f"{value:.4g}" for value in (self.value, self.value if up_to is None else up_to))
         given = first if first == last else f"{first} to {last}"
-        return f"{what} = {given}, required {bounds}{self._of_members()}"
+        return f"{what} = {given}, required {bounds}{self._share() if of_members else ''}"
 
-    def _of_members(self) -> str:
+    def _share(self) -> str:
         if self.check.percentile is None:
             return ""
         confidence = f", confidence {100 * self.check.confidence:g} %" if self.check.confidence is not None else ""

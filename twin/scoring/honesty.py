@@ -14,7 +14,8 @@ them is judged once. In a single run they are those of its one member.
   is largest: who always claims to know little is never wrong, and of no use;
 * ``honesty.sigma_at_end_of_loss_<unit>``: mean sigma in the last second of the loss;
 * ``honesty.recovered_percent``: members that have recovered (:mod:`twin.scoring.reacquisition`) within 2 s of their
-  first true fix, 3 s after a loss longer than 10 s. A member without a true fix has not.
+  first true fix, 3 s after a loss longer than 10 s. A member without a true fix has not; where no member had one there
+  was nothing to recover by, and the figure is not a number.
 
 A bin counts that has at least half as many such epochs as the fullest: the last of a run holds a single one.
 """
@@ -67,7 +68,8 @@ class Honesty:
     sums: FloatArray
     """(1 + bins, 2): squared error and sigma of epochs with a sigma, in the family's unit."""
     members: IntArray
-    """(2,): members that claim a sigma after the loss, and those of them that recovered in time."""
+    """(3,): members that claim a sigma after the loss, those of them with a true fix after it, and those of them that
+    recovered in time."""
 
     def copy(self) -> Honesty:
         """The same, that may be added to."""
@@ -121,10 +123,11 @@ class HonestyTally:
         return counted
 
     def counted(self, claims: BoolArray | None = None, recovery_s: FloatArray | None = None) -> Honesty:
-        """What was counted; of members (R,) that claim a sigma after the loss, and recover, where that is known."""
-        members = np.zeros(2, dtype=np.int64)
+        """What was counted; of members (R,) who claims a sigma after the loss and when it recovers, if that is told."""
+        members = np.zeros(3, dtype=np.int64)
         if claims is not None and recovery_s is not None:
-            members[:] = claims.sum(), (claims & (recovery_s <= self._recovery_s)).sum()
+            had_fix, in_time = ~np.isnan(recovery_s), recovery_s <= self._recovery_s
+            members[:] = claims.sum(), (claims & had_fix).sum(), (claims & in_time).sum()
         return Honesty(family=self._family, counts=self._counts.copy(), sums=self._sums.copy(), members=members)
 
 
@@ -156,7 +159,7 @@ def pooled_metrics(found: Mapping[str, Honesty], scenario: Scenario) -> dict[str
 
 
 def figures(found: Honesty, scenario: Scenario) -> dict[str, float]:
-    """Figures by the names of :func:`names`; NaN where no sigma was claimed."""
+    """Figures by the names of :func:`names`; NaN where no sigma was claimed, or no fix came to recover by."""
     epochs, claimed = found.counts[1:, _EPOCHS], found.counts[1:, _CLAIMED]
     full, told = _full(epochs), _full(claimed)
     inside = found.counts[1:, _INSIDE][full] / epochs[full]
@@ -169,7 +172,8 @@ def figures(found: Honesty, scenario: Scenario) -> dict[str, float]:
     if scenario.loss_window_s is not None:
         values.append(_sigma_at_end(found, scenario.loss_window_s))
         if scenario.scoring.fixes_of is not None:
-            values.append(_percent(found.members[1], found.members[0]))
+            claiming, with_fix, recovered = found.members
+            values.append(_percent(recovered, claiming) if with_fix > 0 else math.nan)
     return dict(zip(names(scenario, family_named(found.family)), values, strict=True))
 
 

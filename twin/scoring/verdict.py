@@ -17,6 +17,8 @@ from twin.signals import COLLISION
 SCHEMA = 1
 LOG = "log"
 """``kind`` in the result of a replayed log; those of runs have none."""
+STRESS = "stress"
+"""``kind`` in the result of a stress test."""
 _PACKAGES = ("agtwin", "numpy", "pybullet", "filterpy", "rerun-sdk")
 
 

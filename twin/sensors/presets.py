@@ -11,7 +11,7 @@ from typing import Any
 
 from twin.errors import BadInputError
 from twin.paths import PRESETS, plain_name
-from twin.validation import did_you_mean
+from twin.validation import unknown_listed
 
 
 def preset_files() -> dict[str, Path]:
@@ -28,8 +28,7 @@ def load_preset(name: str) -> dict[str, Any]:
     plain_name(name, what="preset")
     known = preset_files()
     if name not in known:
-        hint = did_you_mean(name, known)
-        raise BadInputError(f"unknown preset {name!r}{hint} (there are {', '.join(known)})")
+        raise BadInputError(unknown_listed(name, known, "preset"))
     values = tomllib.loads(known[name].read_text(encoding="utf-8"))
     values.pop("sources", None)
     return values

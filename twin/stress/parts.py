@@ -59,7 +59,7 @@ class Parts:
             arrays |= {f"times/{name}": envelope.t_ns, f"counts/{name}": envelope.counts}
         for name, found in result.honesty.items():
             arrays |= {f"honesty/{name}": found.counts, f"honesty_sums/{name}": found.sums}
-            arrays |= {f"honesty_members/{name}": found.members, f"honesty_family/{name}": np.array(found.family)}
+            arrays |= {f"honesty_of_members/{name}": found.members, f"honesty_family/{name}": np.array(found.family)}
         for name, (t_ns, values) in result.nees.items():
             arrays |= {f"nees_t/{name}": t_ns, f"nees/{name}": values}
         for name, (t_ns, values) in result.nis.items():
@@ -106,7 +106,7 @@ def _result(arrays: dict[str, Any]) -> TaskResult:
         return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
     counts, nees, nis = below("counts/"), below("nees/"), below("nis/")
-    sums, members, families = below("honesty_sums/"), below("honesty_members/"), below("honesty_family/")
+    sums, members, families = below("honesty_sums/"), below("honesty_of_members/"), below("honesty_family/")
     return TaskResult(
         metrics=below("metric/"),
         motion={name: float(value) for name, value in below("motion/").items()},

@@ -91,6 +91,8 @@ def parse_vary(text: str) -> list[Setting]:
             raise BadInputError(f"--vary {text!r}: a range is LO:HI or LO:HI:N with numbers") from None
         if len(parts) > 3 or not 1 <= count <= 1000 or not np.isfinite([low, high]).all():
             raise BadInputError(f"--vary {text!r}: a range is LO:HI or LO:HI:N with N from 1 to 1000")
+        if low > high:
+            raise BadInputError(f"--vary {text!r}: a range goes upwards, as {key.strip()}={high:g}:{low:g}")
         return [(key.strip(), float(value)) for value in np.linspace(low, high, count)]
     return [parse_setting(f"{key}={value}") for value in values.split(",")]
 

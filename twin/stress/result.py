@@ -14,7 +14,7 @@ from twin.scoring.ensemble import (
     quantiles,
 )
 from twin.scoring.envelopes import Envelope
-from twin.scoring.verdict import SCHEMA, versions
+from twin.scoring.verdict import SCHEMA, STRESS, versions
 from twin.signals import FloatArray
 from twin.stress.plan import Plan
 
@@ -75,7 +75,7 @@ class StressResult:
         """Content of result.json."""
         return {
             "schema": SCHEMA,
-            "kind": "stress",
+            "kind": STRESS,
             "scenario": self.loaded.name,
             "scenario_sha256": self.loaded.sha256,
             "seed": self.plan.seeds[0],
