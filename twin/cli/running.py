@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from twin import scenario as scenario_files
-from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
+from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK, complain
 from twin.cli.junit import write_junit
 from twin.cli.report import Reporter
 from twin.cli.sentences import write_sentences
@@ -87,8 +87,8 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
         try:
             finished.append(_run_one(item, options, plugins, reporter))
         except BadInputError as error:
-            print(f"error: {error}", file=sys.stderr)
-            finished.append(Crash(scenario=item.name, trace=str(error), bad_input=True))
+            complain(error)
+            finished.append(Crash(scenario=item.name, trace=f"{error.trace}{error}", bad_input=True))
         except Exception:
             crash = Crash(scenario=item.name, trace=traceback.format_exc())
             print(crash.trace, file=sys.stderr)
