@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import pickle
 import subprocess
 import sys
@@ -106,6 +107,8 @@ def test_entry_points_are_found_and_take_options(monkeypatch: pytest.MonkeyPatch
         ({"speed_m_s": 1.0}, "declared are speed_m_s, bias_m_s"),
         ({"speed_m_s": "fast", "bias_m_s": 0.0}, "must be numbers"),
         (None, "gave NoneType"),
+        ({"speed_m_s": (1.0, -0.5), "bias_m_s": 0.0}, r"Wrong\): estimate\(\) gave speed_m_s a negative sigma, -0.5$"),
+        (Estimate(t_ns=0, values=np.zeros(2), sigmas=np.array([math.nan, -1.0])), "gave bias_m_s a negative sigma"),
         (Estimate(t_ns=0, values=np.zeros(3), sigmas=np.zeros(2)), r"values has shape \(3,\), expected \(2,\)"),
     ],
 )

@@ -12,7 +12,7 @@ The class a user writes::
 
         def estimate(self, t):
             ...  # seconds -> {"speed_m_s": 2.5, "heading_rad": (0.1, 0.02)} (value, or value
-            # and sigma), or an Estimate with arrays of shape (n,) [covariance (m, m)]
+            # and sigma, NaN for none), or an Estimate with arrays of shape (n,) [covariance (m, m)]
 
 Options given in the configuration are passed to ``__init__`` as keywords. The class is found through the entry-point
 group ``twin.estimators`` (kind ``plugin``) or as ``package.module:Class`` on the command line; scenario files
@@ -166,9 +166,13 @@ class AdaptedEstimator:
             raise BadInputError(
                 f"{self._where}: estimate() gave {type(report).__name__}; expected a mapping or Estimate"
             )
+        sigmas = self._shaped(sigmas, (n,), "sigmas")
+        for column, sigma in zip(self.columns, sigmas.tolist(), strict=True):
+            if sigma < 0.0:
+                raise BadInputError(f"{self._where}: estimate() gave {column} a negative sigma, {sigma:g}")
         return (
             self._shaped(values, (n,), "values"),
-            self._shaped(sigmas, (n,), "sigmas"),
+            sigmas,
             self._shaped(np.full((m, m), np.nan) if covariance is None else covariance, (m, m), "covariance"),
         )
 
