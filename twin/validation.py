@@ -45,9 +45,9 @@ def _unknown_key(keys: list[str], types_on_the_way: list[Any]) -> str:
     return f"{'.'.join(keys)}: unknown key{hint} (allowed here: {', '.join(allowed)})"
 
 
-def did_you_mean(given: str, allowed: Iterable[str]) -> str:
-    """``; did you mean 'x'?`` where something allowed is near to what was given, else nothing."""
-    near = difflib.get_close_matches(given, list(allowed), n=1)
+def did_you_mean(given: str, allowed: Iterable[str], *, alike: float = 0.6) -> str:
+    """``; did you mean 'x'?`` where something allowed is near to what was given (1: the same), else nothing."""
+    near = difflib.get_close_matches(given, list(allowed), n=1, cutoff=alike)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

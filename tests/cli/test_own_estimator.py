@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import twin, write_scenario
+from tests.cli.test_replay_log import write_nmea
 from twin.cli import EXIT_INTERNAL
+from twin.cli.own_columns import note_misspelt
 from twin.cli.running import RunOptions, run_scenarios
 from twin.estimators.speed_only import SpeedOnly
+from twin.signals import sigma_column
 
 MINE = """class Mine:
     columns = {columns}
@@ -66,3 +69,35 @@ def test_an_exception_of_a_built_in_estimator_is_an_error_of_ours(
     )
     assert run_scenarios([str(write_scenario(tmp_path))], options) == EXIT_INTERNAL
     assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_a_misspelt_column_is_noted(tmp_path: Path) -> None:
+    write_mine(tmp_path, columns='("sped_m_s", "speed_bias_m_s")', estimate='{"sped_m_s": 1.0, "speed_bias_m_s": 0.0}')
+    path = write_scenario(tmp_path, duration_s=1.0)
+    result = twin("run", path, "--no-rrd", "--json", "--estimator", "myf:Mine", "--out", "out", cwd=tmp_path)
+    note = "note: estimator Mine: column 'sped_m_s' is not one that is scored; did you mean 'speed_m_s'?\n"
+    assert (result.returncode, result.stderr) == (0, note)
+    (folder,) = tmp_path.glob("out/small/*")
+    again = twin("replay", folder, "--estimator", "myf:Mine", cwd=tmp_path)
+    assert (again.returncode, again.stderr) == (0, note)
+
+
+def test_a_misspelt_column_over_a_log_is_noted(tmp_path: Path) -> None:
+    write_mine(tmp_path, columns='("positon_e_m", "position_n_m")', estimate="dict.fromkeys(self.columns, 0.0)")
+    write_nmea(tmp_path / "drive.nmea", 50)
+    result = twin("replay", "drive.nmea", "--no-rrd", "--estimator", "myf:Mine", cwd=tmp_path)
+    note = "note: estimator Mine: column 'positon_e_m' is not one that is scored; did you mean 'position_e_m'?\n"
+    assert (result.returncode, result.stderr) == (0, note)
+
+
+def test_columns_of_the_users_own_are_no_mistake(capsys: pytest.CaptureFixture[str]) -> None:
+    scored = ("speed_m_s", "heading_rad", "height_m")
+
+    def noted(*columns: str) -> str:
+        note_misspelt({"mine": (*columns, *map(sigma_column, columns))}, scored)
+        return capsys.readouterr().err
+
+    assert noted("speed_m_s", "speed_bias_m_s", "height_bias_m", "gyro_bias_rad_s") == ""
+    assert noted("heading_rad", "heading_2_rad") == ""  # what it is near to is there too
+    assert "'hieght_m' is not one that is scored; did you mean 'height_m'?" in noted("speed_m_s", "hieght_m")
+    assert noted("bias") == "note: estimator mine: none of its columns is one that is scored (bias)\n"

@@ -14,6 +14,7 @@ from pathlib import Path
 from twin import scenario as scenario_files
 from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK, complain
 from twin.cli.junit import write_junit
+from twin.cli.own_columns import note_of_run
 from twin.cli.report import Reporter
 from twin.cli.sentences import write_sentences
 from twin.errors import BadInputError
@@ -140,6 +141,7 @@ def _run_one(
     with reporter.progress(loaded) as progress:
         recordings = execute_each(loaded, runs=runs, full_rate=options.full_rate, plugins=plugins, progress=progress)
     verdicts = [score(recording) for recording in recordings]
+    note_of_run(recordings[0], loaded.scenario, plugins)
     _compare_baseline(loaded, options, recordings[0], verdicts[0])
     folders = [folder_of(options.out, verdict) for verdict in verdicts]
     for recording, verdict, folder in zip(recordings, verdicts, folders, strict=True):
