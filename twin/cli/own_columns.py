@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 
 from twin.estimators import PluginConfig
+from twin.families import FAMILIES
 from twin.recording import Recording
 from twin.scenario import Scenario
 from twin.signals import HEADING, POSITION, SPEED, sigma_column
@@ -13,6 +14,8 @@ from twin.validation import did_you_mean
 
 OF_A_LOG = (*POSITION[:2], SPEED, HEADING)
 """What figures about a log are made of."""
+_OF_FAMILIES = tuple(family.column for family in FAMILIES if family.column)
+"""What is scored somewhere; a misspelt name may be one that this run has no truth of."""
 _ALIKE = 0.8
 """So near a misspelt name is; that of a state is farther from the column it is about (``height_bias_m``)."""
 
@@ -24,7 +27,7 @@ def note_of_run(recording: Recording, scenario: Scenario, plugins: Iterable[str]
 
 
 def note_misspelt(streams: Mapping[str, Sequence[str]], scored: Sequence[str]) -> None:
-    """Print a line for each column that is near to a scored one which its estimator does not give.
+    """Print a line for each column that is near to one scored here or elsewhere which its estimator does not give.
 
     Other columns are the user's own affair, unless there are no others.
 
@@ -34,7 +37,7 @@ def note_misspelt(streams: Mapping[str, Sequence[str]], scored: Sequence[str]) -
     """
     for name, stream in streams.items():
         given = [column for column in stream if sigma_column(column) in stream]
-        missing = [column for column in scored if column not in given]
+        missing = [column for column in (*scored, *_OF_FAMILIES) if column not in given]
         hints = {column: did_you_mean(column, missing, alike=_ALIKE) for column in given if column not in scored}
         told = [f"column {column!r} is not one that is scored{hint}" for column, hint in hints.items() if hint]
         if not told and len(hints) == len(given):
