@@ -5,11 +5,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 import tomli_w
 
 import twin
 from tests.small_scenario import small_scenario
-from twin.recording import save
+from twin.errors import BadInputError
+from twin.recording import Recording, Stream, save
 from twin.replay import differing
 from twin.runfolder import write_result
 
@@ -41,6 +43,26 @@ def test_run_score_save_and_open(tmp_path: Path) -> None:
         "radar_only",
         "central",
     }
+
+
+def test_a_run_index_below_zero_is_bad_input() -> None:
+    with pytest.raises(BadInputError, match="run = -1: expected 0 or more"):
+        twin.run("planter_turns", run=-1)
+
+
+def test_a_stream_that_is_not_there_is_told_from_those_that_are() -> None:
+    stream = Stream(columns=(), t_ns=np.zeros(0, dtype=np.int64), values=np.zeros((0, 1, 0)))
+    names = ("truth", "measurements/gnss", "measurements/imu", "hidden/gnss", "estimates/ours", "estimates/theirs")
+    recording = Recording(
+        scenario_toml="", scenario_name="made", seed=0, runs=(0,), streams=dict.fromkeys(names, stream)
+    )
+    with pytest.raises(KeyError, match=r"no stream 'estimates/our'; did you mean 'estimates/ours'\? \(there are "):
+        recording.estimates("our")
+    with pytest.raises(KeyError, match=r"'measurements/gnss'\? \(there are measurements/gnss, measurements/imu\)"):
+        recording.to_arrow("measurements/gns")
+    for ask in (recording.measurements, recording.hidden, recording.to_arrow):
+        with pytest.raises(KeyError, match=r"there are .*gnss"):
+            ask("nothing")
 
 
 def test_importing_the_package_is_light() -> None:

@@ -34,11 +34,15 @@ def run(
         set: changes to the scenario by dotted key, as ``{"driver.speed_m_s": 3.0}``.
 
     Raises:
-        twin.errors.BadInputError: the scenario is wrong; the message names file, key and what is allowed.
+        twin.errors.BadInputError: the scenario is wrong, or ``run`` below zero; the message names file, key and what
+            is allowed.
     """
+    from twin.errors import BadInputError  # noqa: PLC0415
     from twin.execution import execute  # noqa: PLC0415  (`import twin` stays light)
     from twin.scenario import find, load  # noqa: PLC0415
 
+    if run < 0:
+        raise BadInputError(f"run = {run}: expected 0 or more")
     changes = [*(set or {}).items(), *([("seed", seed)] if seed is not None else [])]
     return execute(load(find(str(scenario))[0], settings=changes), runs=(run,))
 

@@ -202,10 +202,7 @@ def build_bank(
     listeners: dict[str, Listener] = {}
     for name, config in scenario.estimators.items():
         setup = estimator_setup(name, scenario, sensors, config.sensors, runs)
-        try:
-            estimators[name] = build_estimator(config, setup)
-        except BadInputError as error:
-            raise BadInputError(f"estimators.{name}: {error}") from error
+        estimators[name] = build_estimator(config, setup)
         listeners[name] = Listener(
             estimator=estimators[name], sensors=frozenset(config.sensors), period_ns=period_ns(config.rate_hz)
         )

@@ -183,7 +183,7 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except BadInputError as error:
-        raise BadInputError(f"{path}: {error}") from error
+        raise error.within(str(path)) from error
 
 
 def open_members(

@@ -21,6 +21,7 @@ from twin.parquet import read_table
 from twin.pictures import FOLDER as PICTURE_FOLDER
 from twin.pictures import Pictures, save_pictures
 from twin.signals import NS_PER_S, BoolArray, Event, FloatArray, IntArray
+from twin.validation import did_you_mean
 from twin.world.terrain import Terrain
 
 TRUTH = "truth"
@@ -218,27 +219,40 @@ class Recording:
     @property
     def truth(self) -> Stream:
         """The truth stream (R = 1: all members share it)."""
-        return self.streams[TRUTH]
+        return self.stream(TRUTH)
 
     def names(self, prefix: str) -> list[str]:
         """Names below ``measurements``, ``hidden``, ``estimates`` or ``seeds``, in the order of the scenario."""
         return [name.removeprefix(prefix + "/") for name in self.streams if name.startswith(prefix + "/")]
 
+    def stream(self, name: str) -> Stream:
+        """One stream by its whole name.
+
+        Raises:
+            KeyError: no such stream.
+        """
+        try:
+            return self.streams[name]
+        except KeyError:
+            beside = [each for each in self.streams if each.partition("/")[0] == name.partition("/")[0]]
+            there = ", ".join(beside or self.streams) or "none"
+            raise KeyError(f"no stream {name!r}{did_you_mean(name, self.streams)} (there are {there})") from None
+
     def measurements(self, sensor: str) -> Stream:
         """What a sensor gave."""
-        return self.streams[measurement_stream(sensor)]
+        return self.stream(measurement_stream(sensor))
 
     def hidden(self, sensor: str) -> Stream:
         """A sensor's true errors."""
-        return self.streams[hidden_stream(sensor)]
+        return self.stream(hidden_stream(sensor))
 
     def estimates(self, estimator: str) -> Stream:
         """What an estimator said; sigma of column ``c`` is column ``c + '.sigma'`` (see :func:`sigma_column`)."""
-        return self.streams[estimate_stream(estimator)]
+        return self.stream(estimate_stream(estimator))
 
     def to_arrow(self, stream: str, run: int = 0) -> pa.Table:
         """One stream of one run as an Arrow table."""
-        return self.streams[stream].to_arrow(run)
+        return self.stream(stream).to_arrow(run)
 
 
 def covariance_column(first: str, second: str) -> str:

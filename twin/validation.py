@@ -11,11 +11,26 @@ from pydantic import BaseModel, Tag, ValidationError
 from pydantic_core import ErrorDetails
 
 _LONGEST_VALUE = 60
+_WANTED = {
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "dict_type": "a table",
+    "mapping_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+}
+"""What a file has, by pydantic's name of the error that something else was given."""
 
 
 def explain(error: ValidationError, model: type[BaseModel], where: str) -> str:
     """One line per mistake, each with the file, the key as written in it, what was given and what is allowed."""
-    return "\n".join(f"{where}: {_sentence(detail, model)}" for detail in error.errors(include_url=False))
+    details = [detail for detail in error.errors(include_url=False) if not _only_follows(detail)]
+    return "\n".join(f"{where}: {_sentence(detail, model)}" for detail in details)
+
+
+def _only_follows(detail: ErrorDetails) -> bool:
+    """Whether a list counts as too short only because what is in it is wrong, which is said beside."""
+    return detail["type"] == "too_short" and len(detail["input"]) >= detail["ctx"]["min_length"]
 
 
 def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
@@ -34,7 +49,15 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
     message = detail["msg"].removeprefix("Value error, ")
     if detail["type"] == "value_error":
         return f"{key}: {message}" if keys else message
-    return f"{key}: given {_short(detail['input'])}: {message[0].lower()}{message[1:]}"
+    return f"{key}: given {_short(detail['input'])}: {_in_words_of_the_file(detail['type'], message)}"
+
+
+def _in_words_of_the_file(kind: str, message: str) -> str:
+    """What is told of a value's type or length, without words of Python's."""
+    if kind in _WANTED:
+        return f"input should be {_WANTED[kind]}"
+    plain = message.replace("Tuple", "list").replace("Dictionary", "table").replace(" after validation", "")
+    return plain[0].lower() + plain[1:]
 
 
 def _unknown_key(keys: list[str], types_on_the_way: list[Any]) -> str:
@@ -47,9 +70,9 @@ def _unknown_key(keys: list[str], types_on_the_way: list[Any]) -> str:
     return f"{'.'.join(keys)}: unknown key{hint} (allowed here: {', '.join(allowed)})"
 
 
-def did_you_mean(given: str, allowed: Iterable[str]) -> str:
-    """``; did you mean 'x'?`` where something allowed is near to what was given, else nothing."""
-    near = difflib.get_close_matches(given, list(allowed), n=1)
+def did_you_mean(given: str, allowed: Iterable[str], *, alike: float = 0.6) -> str:
+    """``; did you mean 'x'?`` where something allowed is near to what was given (1: the same), else nothing."""
+    near = difflib.get_close_matches(given, list(allowed), n=1, cutoff=alike)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

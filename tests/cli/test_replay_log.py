@@ -108,6 +108,11 @@ def test_json_prints_json_and_nothing_else(tmp_path: Path) -> None:
         ("log.nmea", {"estimators": ("no_such_module:Filter",)}, "no_such_module"),
         ("log.nmea", {"origin": "north"}, "--origin north: expected LAT,LON"),
         ("log.nmea", {"origin": "95,0"}, "--origin 95,0: expected LAT,LON"),
+        (
+            "log.nmea",
+            {"origin": "0,0"},
+            "log.nmea: begins at 52.0000,13.0000, 5682 km from the origin 0,0; a level plane is a map for 100 km",
+        ),
         ("log.nmea", {"reference": Path("missing.pos")}, "missing.pos"),
         ("log.nmea", {"reference": Path("undated.nmea")}, "tells no date"),
         ("log.nmea", {"settings": ("driver.speed_m_s=3.0",)}, "driver: unknown key"),

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+import pickle
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
@@ -105,6 +107,8 @@ def test_entry_points_are_found_and_take_options(monkeypatch: pytest.MonkeyPatch
         ({"speed_m_s": 1.0}, "declared are speed_m_s, bias_m_s"),
         ({"speed_m_s": "fast", "bias_m_s": 0.0}, "must be numbers"),
         (None, "gave NoneType"),
+        ({"speed_m_s": (1.0, -0.5), "bias_m_s": 0.0}, r"Wrong\): estimate\(\) gave speed_m_s a negative sigma, -0.5$"),
+        (Estimate(t_ns=0, values=np.zeros(2), sigmas=np.array([math.nan, -1.0])), "gave bias_m_s a negative sigma"),
         (Estimate(t_ns=0, values=np.zeros(3), sigmas=np.zeros(2)), r"values has shape \(3,\), expected \(2,\)"),
     ],
 )
@@ -148,3 +152,69 @@ def test_configuration_is_discriminated_and_strict() -> None:
 def test_importing_the_package_does_not_import_filterpy() -> None:
     code = "import sys, twin.estimators; sys.exit('filterpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+class Faulty(Smoothed):
+    def process(self, sample) -> None:  # noqa: ARG002
+        np.linalg.inv(np.zeros((2, 2)))
+
+    def estimate(self, t: float):  # noqa: ARG002
+        return {"speed_m_s": 1.0 / self.speed}
+
+
+def test_an_exception_of_the_users_code_is_bad_input_that_says_whose_and_where() -> None:
+    class Unmade(Smoothed):
+        def __init__(self, setup) -> None:  # noqa: ARG002
+            self.speed = {}["x"]
+
+    with pytest.raises(BadInputError, match=r"Unmade\): __init__\(\) raised KeyError: 'x' at test_adapter.py:\d+$"):
+        AdaptedEstimator(Unmade, make_setup())
+    lifted = AdaptedEstimator(Faulty, make_setup())
+    who = r"^estimator central \(tests.estimators.test_adapter:Faulty\): "
+    with pytest.raises(
+        BadInputError, match=who + r"process\(\) raised LinAlgError: .* at test_adapter.py:\d+$"
+    ) as told:
+        lifted.process(radar(STEP_NS, [1.0]))
+    trace = told.value.trace.splitlines()
+    assert trace[0] == "Traceback (most recent call last):"
+    assert "test_adapter.py" in trace[1]  # its own frames and those below, none of ours
+    assert "numpy" in told.value.trace
+    assert trace[-1].endswith("Singular matrix")
+    with pytest.raises(BadInputError, match=who + r"estimate\(\) raised ZeroDivisionError: .* at test_adapter.py:\d+$"):
+        lifted.estimate(STEP_NS)
+
+
+def test_a_method_that_takes_other_things_is_bad_input() -> None:
+    class Deaf(Smoothed):
+        def process(self) -> None: ...
+
+    with pytest.raises(BadInputError, match=r"process\(\) raised TypeError: .* 1 positional argument but 2") as told:
+        AdaptedEstimator(Deaf, make_setup()).process(radar(STEP_NS, [1.0]))
+    assert told.value.trace == ""
+
+
+def test_a_sample_says_which_columns_there_are() -> None:
+    class Misspelt(Smoothed):
+        def process(self, sample) -> None:
+            self.speed = sample["sped_m_s"]
+
+    says = r"""KeyError: "'radar' gives no 'sped_m_s'; did you mean 'speed_m_s'\? \(there are speed_m_s\)" at test_"""
+    with pytest.raises(BadInputError, match=says):
+        AdaptedEstimator(Misspelt, make_setup()).process(radar(STEP_NS, [1.0]))
+
+
+def test_what_a_module_raises_while_it_is_imported_is_bad_input(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "raises_at_import.py").write_text("import math\n\nGAIN = math.sqrt(-1.0)\n")
+    (tmp_path / "is_no_python.py").write_text("class Mine(\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(BadInputError, match=r"importing 'raises_at_import' raised ValueError: .*import.py:3$"):
+        load_class("raises_at_import:Mine")
+    with pytest.raises(BadInputError, match=r"raised SyntaxError: .*is_no_python.py, line 1") as told:
+        load_class("is_no_python:Mine")
+    assert "class Mine(" in told.value.trace
+
+
+def test_an_error_of_the_users_code_keeps_its_traceback_behind_a_name_and_between_processes() -> None:
+    error = BadInputError("cannot be used", trace="Traceback\n").within("some.toml")
+    again = pickle.loads(pickle.dumps(error))
+    assert (str(again), again.trace) == ("some.toml: cannot be used", "Traceback\n")

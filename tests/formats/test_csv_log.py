@@ -16,6 +16,7 @@ from tests.sensors.motions import preset, sensor
 from twin.errors import BadInputError
 from twin.formats.csv_log import CsvLog
 from twin.formats.csv_mapping import COLUMNS, MAPPINGS, read_mapping
+from twin.formats.geodetic import Origin
 from twin.formats.logs import open_log
 from twin.signals import Measurement
 
@@ -160,6 +161,8 @@ def test_units_words_and_constants(tmp_path: Path) -> None:
     first, second, third = log.measurements()
     assert not log.problems
     assert log.origin.height_m == pytest.approx(30.48)
+    with pytest.raises(BadInputError, match="from the origin 30,120; a level plane"):
+        open_log(path, mapping=mapping(tmp_path, gnss(columns=columns)), origin=Origin())
     nan = math.nan
     expected = [0.0, 0.0, 0.0, 1.0, math.pi / 2, 0.2, nan, nan, 4.0, 9.0, nan, nan, 1.5]
     np.testing.assert_allclose(first.values[0], expected, atol=1e-9)

@@ -10,6 +10,7 @@ import pymap3d
 import pytest
 
 from twin.errors import BadInputError
+from twin.formats.geodetic import Origin
 from twin.formats.gps_time import leap_seconds
 from twin.formats.logs import open_log
 from twin.formats.rtklib_pos import QUALITIES, RtklibLog
@@ -96,6 +97,18 @@ def test_positions_are_told_in_three_ways(header: str, place: str, tmp_path: Pat
     if header is ECEF:  # its sigmas are of other axes
         expected[5:8] = [math.nan] * 3
     np.testing.assert_allclose(found.values[0], expected, atol=1e-9)
+
+
+def test_a_log_far_from_the_origin_told_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, DEGREES, f"{WHEN} 40.5 -105.25 1500.0 {REST}")
+    near = Origin(latitude_deg=41.3, longitude_deg=-105.25)
+    (found,) = open_log(path, origin=near).measurements()
+    assert found.values[0, 1] == pytest.approx(-88_850.0, abs=50.0)
+    far = Origin(latitude_deg=41.5, longitude_deg=-105.25)
+    with pytest.raises(
+        BadInputError, match=r"begins at 40.5000,-105.2500, 111 km from the origin 41.5,-105.25; a level"
+    ):
+        open_log(path, origin=far)
 
 
 def test_south_and_west_of_zero_degrees_keep_their_sign(tmp_path: Path) -> None:

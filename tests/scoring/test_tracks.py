@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,6 +89,22 @@ def test_transitions_by_hand(size: int) -> None:
         assert tally.track_figures(name)["quality.fixed_to_float_max_jump_m"] == pytest.approx(0.4)
         assert tally.track_figures(name)["quality.float_to_fixed_mean_jump_m"] == pytest.approx(0.4)
     assert tally.track_figures("smooth")["quality.float_to_fixed_max_jump_m"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("along", [1.0, 0.0, -1.0])
+def test_a_jump_is_the_same_whoever_tells_the_speed(along: float) -> None:
+    # Northwards at 1.5 m/s, and by 2.88 m aside, ahead or back where the quality changes.
+    t = np.arange(8.0)
+    quality = np.where(t < 5.0, 4.0, 5.0)
+    size = np.where(t < 5.0, 0.0, 2.88)
+    east, north = size * math.sqrt(1.0 - along**2), 1.5 * t + size * along
+    told = track(t, east, north, speed=1.5, course=math.pi / 2.0)
+    way = np.diff(east, prepend=0.0), np.diff(north, prepend=-1.5)
+    derived = replace(told, speed_m_s=np.hypot(*way), course_rad=np.arctan2(way[1], way[0]))
+    tally = TransitionTally(2.5)
+    tally.add(quality, {"doppler": told, "derived": derived, "silent": track(t, east, north)})
+    for name in ("doppler", "derived", "silent"):
+        assert tally.track_figures(name)["quality.fixed_to_float_max_jump_m"] == pytest.approx(2.88), name
 
 
 def test_silence_is_no_quality_and_a_lost_position_no_jump() -> None:

@@ -6,6 +6,7 @@ import sys
 import traceback
 
 from twin.cli import interrupts
+from twin.errors import BadInputError, TwinError
 
 EXIT_OK, EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -29,11 +30,16 @@ def main() -> None:
     sys.exit(code)
 
 
+def complain(error: TwinError) -> None:
+    """Say what cannot be used; where the user's own code failed, its traceback before."""
+    trace = error.trace if isinstance(error, BadInputError) else ""
+    print(f"{trace}error: {error}", file=sys.stderr)
+
+
 def _run() -> int:
     import typer  # noqa: PLC0415  (loaded after the signal handlers are in place)
 
     from twin.cli.app import app  # noqa: PLC0415
-    from twin.errors import TwinError  # noqa: PLC0415
 
     try:
         outcome = app(standalone_mode=False)
@@ -46,7 +52,7 @@ def _run() -> int:
         print(f"error: {told}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except TwinError as error:
-        print(f"error: {error}", file=sys.stderr)
+        complain(error)
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, BrokenPipeError):
         raise

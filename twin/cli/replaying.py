@@ -10,6 +10,7 @@ from pathlib import Path
 import tomli_w
 
 from twin.cli import EXIT_FAILED, EXIT_OK
+from twin.cli.own_columns import note_of_run
 from twin.cli.report import Reporter
 from twin.cli.running import load_plugins
 from twin.errors import BadInputError
@@ -46,8 +47,10 @@ def replay_folder(folder: Path, *, settings: Sequence[str], estimators: Sequence
     reporter = Reporter(quiet=as_json)
     recorded = read_recording(folder)
     toml = _changed(recorded, settings) if settings else None
-    replayed = replay(recorded, scenario_toml=toml, plugins=load_plugins(estimators))
+    plugins = load_plugins(estimators)
+    replayed = replay(recorded, scenario_toml=toml, plugins=plugins)
     verdict = score(replayed)
+    note_of_run(replayed, verdict.scenario, plugins)
     _report(replayed, verdict, folder, reporter, as_json=as_json)
     if settings:
         return EXIT_OK if verdict.verdict == "pass" else EXIT_FAILED

@@ -12,6 +12,7 @@ from typing import Any
 from twin.cli import EXIT_OK
 from twin.cli.log_folder import folder_of_log
 from twin.cli.log_tables import innovation_table, quality_table, reference_table, track_table
+from twin.cli.own_columns import OF_A_LOG, note_misspelt
 from twin.cli.report import Reporter
 from twin.cli.running import load_plugins
 from twin.errors import BadInputError
@@ -74,7 +75,8 @@ def _replay_file(path: Path, options: LogOptions) -> int:
     settings = read_settings(options.settings)
     built_in = [text for text in options.estimators if is_built_in(text)]
     own = [text for text in options.estimators if text not in built_in]
-    choices = choose(built_in, plugins=load_plugins(own), options=settings.estimators)
+    plugins = load_plugins(own)
+    choices = choose(built_in, plugins=plugins, options=settings.estimators)
     log = open_log(path, mapping=options.mapping, origin=_origin(options.origin))
     reference = _open_reference(options, settings)
     out = options.out or _OUT
@@ -94,6 +96,7 @@ def _replay_file(path: Path, options: LogOptions) -> int:
         if options.rrd:
             result["timing"]["rrd_s"] = _write_rrd(found, result, building / "run.rrd")
         write_result(building, result)
+    note_misspelt({name: found.columns[name] for name in plugins}, OF_A_LOG)
     if options.as_json:
         print(json.dumps([result], indent=1, allow_nan=False))
     else:

@@ -12,9 +12,10 @@ from functools import partial
 from pathlib import Path
 
 from twin import scenario as scenario_files
-from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK
+from twin.cli import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERNAL, EXIT_OK, complain
 from twin.cli.junit import write_junit
 from twin.cli.notes import tell_notes
+from twin.cli.own_columns import note_of_run
 from twin.cli.report import Reporter
 from twin.cli.sentences import write_sentences
 from twin.errors import BadInputError
@@ -91,8 +92,8 @@ def run_scenarios(names: Sequence[str], options: RunOptions) -> int:
         try:
             finished.append(_run_one(item, options, plugins, reporter))
         except BadInputError as error:
-            print(f"error: {error}", file=sys.stderr)
-            finished.append(Crash(scenario=item.name, trace=str(error), bad_input=True))
+            complain(error)
+            finished.append(Crash(scenario=item.name, trace=f"{error.trace}{error}", bad_input=True))
         except Exception:
             crash = Crash(scenario=item.name, trace=traceback.format_exc())
             print(crash.trace, file=sys.stderr)
@@ -144,6 +145,7 @@ def _run_one(
     with reporter.progress(loaded) as progress:
         recordings = execute_each(loaded, runs=runs, full_rate=options.full_rate, plugins=plugins, progress=progress)
     verdicts = [score(recording) for recording in recordings]
+    note_of_run(recordings[0], loaded.scenario, plugins)
     _compare_baseline(loaded, options, recordings[0], verdicts[0])
     folders = [folder_of(options.out, verdict) for verdict in verdicts]
     for recording, verdict, folder in zip(recordings, verdicts, folders, strict=True):

@@ -12,11 +12,11 @@ The class a user writes::
 
         def estimate(self, t):
             ...  # seconds -> {"speed_m_s": 2.5, "heading_rad": (0.1, 0.02)} (value, or value
-            # and sigma), or an Estimate with arrays of shape (n,) [covariance (m, m)]
+            # and sigma, NaN for none), or an Estimate with arrays of shape (n,) [covariance (m, m)]
 
 Options given in the configuration are passed to ``__init__`` as keywords. The class is found through the entry-point
 group ``twin.estimators`` (kind ``plugin``) or as ``package.module:Class`` on the command line; scenario files
-cannot name code.
+cannot name code. An exception of the class ends the run as bad input: the traceback of its own code, then one line.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ from pydantic import Field
 
 from twin.config import Config, Names, Positive
 from twin.errors import BadInputError
+from twin.estimators.user_code import blaming
 from twin.signals import NS_PER_S, Estimate, EstimatorSetup, FloatArray, Measurement
+from twin.validation import did_you_mean
 
 ENTRY_POINTS = "twin.estimators"
 
@@ -66,8 +68,18 @@ class Sample:
     """(n,), one value per column; NaN where the sensor gave none."""
 
     def __getitem__(self, column: str) -> float:
-        """Value of one column."""
-        return float(self.values[self.columns.index(column)])
+        """Value of one column.
+
+        Raises:
+            KeyError: no such column.
+        """
+        try:
+            return float(self.values[self.columns.index(column)])
+        except ValueError:
+            raise KeyError(f"{self.sensor!r} gives no {self._unknown(column)}") from None
+
+    def _unknown(self, column: str) -> str:
+        return f"{column!r}{did_you_mean(column, self.columns)} (there are {', '.join(self.columns)})"
 
 
 Reported = Estimate | Mapping[str, float | tuple[float, float]]
@@ -93,15 +105,17 @@ class AdaptedEstimator:
 
     Raises:
         BadInputError: the class lacks a part, or does not accept the options; later, if an estimate does not fit the
-            columns it declared. Other exceptions of the user's code pass through with their traceback.
+            columns it declared; and where the user's code raises an exception, with the traceback of that code.
     """
 
     def __init__(
         self, factory: EstimatorClass, setup: EstimatorSetup, options: Mapping[str, Any] | None = None
     ) -> None:
-        self._where = f"[estimators.{setup.name}] {getattr(factory, '__qualname__', factory)}"
+        made_by = f"{factory.__module__}:{getattr(factory, '__qualname__', factory)}"
+        self._where = f"estimator {setup.name} ({made_by})"
         _check_call(factory, setup, options or {}, self._where)
-        self._members = [factory(replace(setup, runs=1), **(options or {})) for _ in range(setup.runs)]
+        with blaming(f"{self._where}: __init__()"):
+            self._members = [factory(replace(setup, runs=1), **(options or {})) for _ in range(setup.runs)]
         first = self._members[0]
         for part in ("process", "estimate"):
             if not callable(getattr(first, part, None)):
@@ -114,21 +128,24 @@ class AdaptedEstimator:
 
     def process(self, measurement: Measurement) -> None:
         """Hand one measurement to every member that got it."""
-        for member, values, valid in zip(self._members, measurement.values, measurement.valid, strict=True):
-            if valid:
-                member.process(
-                    Sample(
-                        sensor=measurement.sensor,
-                        t=measurement.t,
-                        t_available=measurement.t_available,
-                        columns=measurement.columns,
-                        values=values.copy(),
+        with blaming(f"{self._where}: process()"):
+            for member, values, valid in zip(self._members, measurement.values, measurement.valid, strict=True):
+                if valid:
+                    member.process(
+                        Sample(
+                            sensor=measurement.sensor,
+                            t=measurement.t,
+                            t_available=measurement.t_available,
+                            columns=measurement.columns,
+                            values=values.copy(),
+                        )
                     )
-                )
 
     def estimate(self, t_ns: int) -> Estimate:
         """Collect every member's estimate."""
-        reports = [self._read(member.estimate(t_ns / NS_PER_S)) for member in self._members]
+        with blaming(f"{self._where}: estimate()"):
+            said = [member.estimate(t_ns / NS_PER_S) for member in self._members]
+        reports = [self._read(each) for each in said]
         size = len(self.state_columns)
         return Estimate(
             t_ns=t_ns,
@@ -149,9 +166,13 @@ class AdaptedEstimator:
             raise BadInputError(
                 f"{self._where}: estimate() gave {type(report).__name__}; expected a mapping or Estimate"
             )
+        sigmas = self._shaped(sigmas, (n,), "sigmas")
+        for column, sigma in zip(self.columns, sigmas.tolist(), strict=True):
+            if sigma < 0.0:
+                raise BadInputError(f"{self._where}: estimate() gave {column} a negative sigma, {sigma:g}")
         return (
             self._shaped(values, (n,), "values"),
-            self._shaped(sigmas, (n,), "sigmas"),
+            sigmas,
             self._shaped(np.full((m, m), np.nan) if covariance is None else covariance, (m, m), "covariance"),
         )
 
@@ -186,7 +207,8 @@ def load_class(spec: str) -> EstimatorClass:
     if not (colon and class_name.isidentifier() and all(part.isidentifier() for part in module_name.split("."))):
         raise BadInputError(f"estimator {spec!r}: expected package.module:Class")
     try:
-        module = importlib.import_module(module_name)
+        with blaming(f"estimator {spec!r}: importing {module_name!r}", but=(ImportError,)):
+            module = importlib.import_module(module_name)
     except ImportError as error:
         raise BadInputError(f"estimator {spec!r}: cannot import {module_name!r} ({error})") from error
     return _a_class(
@@ -212,7 +234,8 @@ def load_entry_point(name: str) -> EstimatorClass:
             f"estimator plug-in {name!r}: not in the entry-point group {ENTRY_POINTS!r}; known: {known}"
         )
     try:
-        loaded = points[name].load()
+        with blaming(f"estimator plug-in {name!r}: loading {points[name].value!r}", but=(ImportError, AttributeError)):
+            loaded = points[name].load()
     except (ImportError, AttributeError) as error:
         raise BadInputError(f"estimator plug-in {name!r}: cannot load {points[name].value!r} ({error})") from error
     return _a_class(loaded, f"estimator plug-in {name!r}: {points[name].value!r} is not a class")

@@ -42,7 +42,7 @@ class CsvLog:
         origin: of the local frame; the first position if None, and somewhere where there is none at all.
 
     Raises:
-        BadInputError: a file is missing, lacks a column, or none of them has a usable row.
+        BadInputError: a file is missing, lacks a column, none has a usable row, or the log begins far from ``origin``.
     """
 
     def __init__(self, path: Path, mapping: CsvMapping, *, origin: Origin | None = None) -> None:
@@ -58,9 +58,7 @@ class CsvLog:
         dated = mapping.tables[0].time.since != "start"
         self.start_utc_ns = self._first_ns if dated else None
         fixes = [fix for head in heads for fix in head.fixes]
-        if origin is None:
-            origin = origin_of(fixes) if fixes else Origin()
-        self.origin = origin
+        self.origin = origin_of(fixes, origin, path=path) if fixes else origin or Origin()
         tables = zip(mapping.tables, rows, heads, strict=True)
         infos = [_info(table, first, head) for table, first, head in tables if first]
         self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in infos}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
+from twin.errors import BadInputError
 from twin.fix_quality import ORDINARY, SINGLE, STATES
 from twin.formats.geodetic import Origin
 from twin.formats.gnss_fixes import COLUMNS, GNSS, UNKNOWN_MOUNT, Fix
@@ -17,8 +19,14 @@ HEAD_EPOCHS = 50
 LOOKED_AT = 3_000
 """So many epochs from there on, at most, are looked at for the best quality and for sensors that speak late: five
 minutes at 10 Hz, half a second's work."""
+_FARTHEST_M = 100_000.0
+"""From an origin; there the earth has fallen 780 m below the plane, and ways in the plane are 0.01 % too short."""
 _HEIGHTS, _GEOID = (-1_000.0, 9_000.0), (-110.0, 90.0)
 """What :class:`Origin` allows."""
+
+
+class FarFromOriginError(BadInputError):
+    """The log is good, and the origin told is not for it."""
 
 
 class LogHead:
@@ -60,12 +68,26 @@ class LogHead:
         return self._seen >= LOOKED_AT
 
 
-def origin_of(head: Sequence[Fix]) -> Origin:
-    """The local frame that begins at the first position of a log's head, at the first height in it.
+def origin_of(head: Sequence[Fix], told: Origin | None, *, path: Path) -> Origin:
+    """The local frame of a log: as told, or that which begins at its head's first position, at the first height in it.
 
     One of the fixes has to be ``placed``.
+
+    Raises:
+        FarFromOriginError: the log at ``path`` is too far from the origin told for a level plane to be its map.
     """
-    first = next(fix for fix in head if fix.placed)
+    placed = [fix for fix in head if fix.placed]
+    first = placed[0]
+    if told is not None:
+        globe = np.array([(fix.latitude_deg, fix.longitude_deg, told.height_m) for fix in placed])
+        away_m = float(np.linalg.norm(told.enu(globe), axis=1).min())
+        if away_m > _FARTHEST_M:
+            raise FarFromOriginError(
+                f"{path}: begins at {first.latitude_deg:.4f},{first.longitude_deg:.4f}, {away_m / 1e3:.0f} km from the"
+                f" origin {told.latitude_deg:g},{told.longitude_deg:g}; a level plane is a map for"
+                f" {_FARTHEST_M / 1e3:.0f} km at most"
+            )
+        return told
     return Origin(
         latitude_deg=first.latitude_deg,
         longitude_deg=first.longitude_deg,

@@ -10,6 +10,7 @@ from twin.formats.csv_mapping import read_mapping
 from twin.formats.geodetic import Origin
 from twin.formats.lines import require_file
 from twin.formats.log import Log
+from twin.formats.log_head import FarFromOriginError
 from twin.formats.nmea_log import NmeaLog
 from twin.formats.rtklib_pos import RtklibLog
 
@@ -31,7 +32,7 @@ def open_log(path: Path, *, mapping: Path | None = None, origin: Origin | None =
         origin: of the local frame; the log's first position if None.
 
     Raises:
-        BadInputError: the file cannot be read, or holds nothing that can be used.
+        BadInputError: the file cannot be read, or holds nothing that can be used, or begins far from ``origin``.
     """
     if mapping is not None:
         if not path.exists():
@@ -42,6 +43,8 @@ def open_log(path: Path, *, mapping: Path | None = None, origin: Origin | None =
         return RtklibLog(path, origin=origin)
     try:
         return NmeaLog(path, origin=origin)
+    except FarFromOriginError:
+        raise
     except BadInputError as error:
         if path.suffix.lower() in {".csv", ".txt", ".tsv"}:
             raise BadInputError(f"{error}; a CSV file needs --mapping, which says what its columns are") from error

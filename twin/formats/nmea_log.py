@@ -54,7 +54,7 @@ class NmeaLog:
         origin: of the local frame; the first position if None.
 
     Raises:
-        BadInputError: no sentence in it has a position with a time.
+        BadInputError: no sentence in it has a position with a time, or it begins far from ``origin``.
     """
 
     def __init__(self, path: Path, *, origin: Origin | None = None) -> None:
@@ -66,7 +66,7 @@ class NmeaLog:
         if math.isnan(head.fixes[0].geoid_m) and (later := _first_separation(head)):
             self._separation_m = later
             head, turned_ns = self._look()
-        self.origin = origin_of(head.fixes) if origin is None else origin
+        self.origin = origin_of(head.fixes, origin, path=path)
         self.sensors: Mapping[str, SensorInfo] = {info.name: info for info in _infos(head, turned_ns)}
 
     def _look(self) -> tuple[LogHead, list[int]]:

@@ -176,7 +176,7 @@ class RtklibLog:
         origin: of the local frame; the first position if None.
 
     Raises:
-        BadInputError: there is no epoch with a position in it.
+        BadInputError: there is no epoch with a position in it, or it begins far from ``origin``.
     """
 
     def __init__(self, path: Path, *, origin: Origin | None = None) -> None:
@@ -195,7 +195,7 @@ class RtklibLog:
         if not head.fixes:
             kinds = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(5))
             raise BadInputError(f"{path}: no epoch has a position ({kinds or 'nothing at all'})")
-        self.origin = origin_of(head.fixes) if origin is None else origin
+        self.origin = origin_of(head.fixes, origin, path=path)
         info = receiver_info([fix.t_ns for fix in head.fixes], head.best)
         self.sensors: Mapping[str, SensorInfo] = {info.name: info}
 

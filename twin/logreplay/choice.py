@@ -92,10 +92,7 @@ class Choice:
             raise BadInputError(f"estimators.{self.name}.sensors: {unknown(absent[0], dict(setup.sensors), 'sensor')}")
         config = self._config(sensors)
         heard = {name: setup.sensors[name] for name in sensors}
-        try:
-            return build_estimator(config, replace(setup, sensors=heard)), sensors
-        except BadInputError as error:
-            raise BadInputError(f"estimators.{self.name}: {error}") from error
+        return build_estimator(config, replace(setup, sensors=heard)), sensors
 
     def _config(self, sensors: tuple[str, ...]) -> AnyEstimatorConfig:
         table = {**self.options, "kind": self.kind, _SENSORS: list(sensors)}

@@ -63,6 +63,8 @@ class LogReplay:
     receiver: str | None
     heard: dict[str, tuple[str, ...]]
     """Sensors that each estimator hears."""
+    columns: dict[str, tuple[str, ...]]
+    """Columns of each estimator's stream."""
     start: Pose
     """Of the reference frame, whose pose is estimated."""
     metrics: dict[str, float]
@@ -117,6 +119,7 @@ def replay_log(
         log=log,
         receiver=replayer.receiver.name if replayer.receiver else None,
         heard=replayer.heard,
+        columns=replayer.columns,
         start=replayer.start,
         metrics=replayer.figures.metrics(),
         counts=dict(replayer.counts),
@@ -180,9 +183,9 @@ class _Replayer:
                 start_utc_ns=log.start_utc_ns,
                 longest_gap_s=settings.reference.longest_gap_s,
             )
-        self._columns = {name: stream_columns(estimator) for name, estimator in self._estimators.items()}
+        self.columns = {name: stream_columns(estimator) for name, estimator in self._estimators.items()}
         self.figures = Figures(
-            self._columns,
+            self.columns,
             receiver=self.receiver.name if self.receiver else None,
             longest_gap_s=_GAP_PERIODS * self._period_ns / NS_PER_S,
             with_reference=reference is not None,
@@ -202,7 +205,7 @@ class _Replayer:
     def _open(self) -> None:
         """Start new blocks."""
         self._measured = {name: StreamWriter(info.columns, 1) for name, info in self._infos.items()}
-        self._said = {name: StreamWriter(columns, 1) for name, columns in self._columns.items()}
+        self._said = {name: StreamWriter(columns, 1) for name, columns in self.columns.items()}
         self._epochs = StreamWriter(_EPOCH_COLUMNS, 1)
         self._rows: Counter[str] = Counter()
 

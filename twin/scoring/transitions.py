@@ -2,7 +2,9 @@
 
 Quality is field 6 of GGA. Of each quality: how long it lasted; of each pair: how often one followed the other, and the
 *jump* of every track there: the step from the last row of the old quality to the first of the new, less the way that
-speed and course told at both ends make in that time (where they are not told: the velocity of the step before).
+speed and course told in the last row of the old make in that time (where they are not told: the velocity of the step
+before). What is told after the change does not count: a speed worked out from positions has the jump in it, and would
+take a part of it for motion. An acceleration or a turn within the step is part of the jump for all tracks alike.
 """
 
 from __future__ import annotations
@@ -110,15 +112,18 @@ class _Jumps:
 
 
 def jumps(track: Track, at: IntArray) -> FloatArray:
-    """Jump of a track (T,) at the steps that end in the rows ``at`` (N,), each at least 1; NaN where not known."""
+    """Jump of a track (T,) at the steps that end in the rows ``at`` (N,), each at least 1; NaN where not known.
+
+    The way in the plane between what the velocity before the step, told or else of the step before it, lets expect and
+    where the track went.
+    """
     dt = (track.t_ns[at] - track.t_ns[at - 1]) / NS_PER_S
     place = np.column_stack([track.east_m, track.north_m])
     told = track.speed_m_s[:, np.newaxis] * np.column_stack([np.cos(track.course_rad), np.sin(track.course_rad)])
-    velocity = 0.5 * (told[at] + told[at - 1])
     before = np.maximum(at - 2, 0)
     earlier_dt = (track.t_ns[at - 1] - track.t_ns[before]) / NS_PER_S
     earlier = (place[at - 1] - place[before]) / np.where(earlier_dt > 0.0, earlier_dt, math.nan)[:, np.newaxis]
-    velocity = np.where(np.isfinite(velocity), velocity, earlier)
+    velocity = np.where(np.isfinite(told[at - 1]), told[at - 1], earlier)
     left = place[at] - place[at - 1] - velocity * dt[:, np.newaxis]
     return np.hypot(left[:, 0], left[:, 1])
 
