@@ -31,12 +31,13 @@ def fix(
     *,
     speed_m_s: float = math.nan,
     course_rad: float = math.nan,
+    up_m: float = 0.0,
     sigma_m: float = 1.0,
     quality: float = 1.0,
     valid: bool = True,
 ) -> Measurement:
     """One sample of it."""
-    values = [east_m, north_m, 0.0, speed_m_s, course_rad, sigma_m, sigma_m, sigma_m, quality]
+    values = [east_m, north_m, up_m, speed_m_s, course_rad, sigma_m, sigma_m, sigma_m, quality]
     t_ns = round(t_s * NS_PER_S)
     return Measurement(
         sensor="gnss",

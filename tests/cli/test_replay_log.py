@@ -222,6 +222,29 @@ def test_a_mostly_floating_drive_against_the_fixed_one(tmp_path: Path, capsys: p
         found["gnss.reference.error_over_sigma_float"], rel=1e-6
     )
     assert found["ca.reference.error_over_sigma_float"] < 1.0
+    # Heights are worse, by about what satellites that are all above make of them (two to three times).
+    assert 1.0 < found["gnss.reference.height_rmse_fixed_m"] / found["gnss.reference.rmse_fixed_m"] < 3.0
+    assert found["gnss.reference.height_rmse_float_m"] > found["gnss.reference.rmse_float_m"]
+    assert "guidance_gps.reference.height_rmse_m" not in found
+
+
+@needs("f9p_ppk_rtklib")
+def test_heights_of_a_machine_are_compared_where_its_antenna_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = DATA / "f9p_ppk_rtklib"
+    found = replayed(
+        capsys,
+        folder / "py_0315f.pos",
+        tmp_path,
+        reference=folder / "demo5_b34f_f.pos",
+        estimators=("height_hold",),
+        settings=("vehicle.antenna_xyz_m=[1.0, 0.0, 2.5]",),
+    )["metrics"]
+    # Who holds the last height holds the receiver's error.
+    for figure in ("rmse_m", "max_m", "rmse_fixed_m", "error_over_sigma"):
+        told = found[f"gnss.reference.height_{figure}"]
+        assert found[f"height_hold.reference.height_{figure}"] == pytest.approx(told, rel=1e-6)
 
 
 @needs("f9p_ppk_rtklib")

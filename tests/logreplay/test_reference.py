@@ -69,6 +69,18 @@ def test_a_reference_with_another_origin_is_brought_into_this_frame() -> None:
     assert found[1] == pytest.approx((meridian_m + 40.0) * math.radians(1.0 / 60.0), abs=1e-3)
 
 
+def test_heights_are_brought_along_and_unknown_ones_stay_unknown() -> None:
+    higher = ORIGIN.model_copy(update={"height_m": ORIGIN.height_m + 5.0})
+    fixes = (fix(0.0, 0.0, 0.0, up_m=1.0, sigma_m=3.0), fix(1.0, 0.0, 0.0, up_m=math.nan))
+    for origin, above in ((ORIGIN, 1.0), (higher, 6.0)):
+        reference = track(*fixes, origin=origin)
+        reference.advance(0, NS_PER_S)
+        found = reference.at(np.array([0, NS_PER_S], dtype=np.int64))
+        np.testing.assert_allclose(found.up_m, [above, math.nan], atol=1e-6)
+        np.testing.assert_allclose(found.var_u_m2, [9.0, 1.0])
+        assert np.isfinite(found.east_m).all()
+
+
 def test_it_is_read_along_in_memory_that_does_not_grow() -> None:
     reference = track(*(fix(float(t), float(t), 0.0) for t in range(20_000)))
     for t_s in range(0, 19_000, 500):

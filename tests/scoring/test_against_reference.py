@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from twin.scoring.against_reference import Differences, ReferenceTally
+from twin.scoring.against_reference import Differences, HeightDifferences, ReferenceTally
 from twin.signals import FloatArray
 
 
@@ -73,3 +73,22 @@ def test_fixes_of_the_reference_are_preferred_to_what_it_says_without() -> None:
     never = ReferenceTally()
     never.add(errors, np.full(4, 4.0), np.zeros(4, dtype=bool))
     assert never.figures()["reference.epochs"] == 4.0
+
+
+def test_heights_by_hand() -> None:
+    # 3, -1, 1 and one unknown; sigma 1: squares 9, 1, 1, and 95 % of one number's are below 3.84.
+    up = np.array([3.0, -1.0, 1.0, math.nan])
+    tally = ReferenceTally(HeightDifferences)
+    claimed = HeightDifferences(up_m=up, var_u_m2=np.ones(4))
+    tally.add(claimed, np.array([5.0, 4.0, 4.0, 4.0]), np.ones(4, dtype=bool))
+    found = tally.figures()
+    assert found["reference.height_epochs"] == 3.0
+    assert found["reference.height_rmse_m"] == pytest.approx(math.sqrt(11.0 / 3.0))
+    assert (found["reference.height_mean_m"], found["reference.height_max_m"]) == pytest.approx((1.0, 3.0))
+    assert found["reference.height_error_over_sigma"] == pytest.approx(math.sqrt(11.0 / 3.0))
+    assert found["reference.height_inside_percent"] == pytest.approx(200.0 / 3.0)
+    assert found["reference.height_rmse_float_m"] == pytest.approx(3.0)
+    assert found["reference.height_rmse_fixed_m"] == pytest.approx(1.0)
+    nothing_claimed = HeightDifferences(up_m=up, var_u_m2=np.zeros(4))
+    assert np.isnan(nothing_claimed.nees).all()
+    assert ReferenceTally(HeightDifferences).figures() == {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.table import Table
 
@@ -51,7 +51,7 @@ def innovation_table(metrics: Metrics, estimators: Sequence[str]) -> Table | Non
     table = Table(title="Innovations: is the filter as surprised as it expects to be?")
     for heading in ("estimator", "of"):
         table.add_column(heading)
-    for heading in ("updates", "mean NIS", "95 % if consistent", "inside 95 %", "lag 1", "white within"):
+    for heading in ("updates", "mean NIS", "95 % if consistent", "% inside", "lag 1", "white within"):
         table.add_column(heading, justify="right")
     for name in estimators:
         mine = _of(metrics, name)
@@ -102,23 +102,30 @@ def track_table(metrics: Metrics, receiver: str | None, estimators: Sequence[str
     return table if table.row_count else None
 
 
-def reference_table(metrics: Metrics, receiver: str | None, estimators: Sequence[str]) -> Table | None:
-    """Horizontal errors against the reference, over all and by the receiver's quality."""
-    table = Table(title="Against the reference")
+def reference_tables(metrics: Metrics, receiver: str | None, estimators: Sequence[str]) -> Iterator[Table]:
+    """Errors in the plane and of heights against the reference, over all and by the receiver's quality."""
+    for title, prefix in (("Against the reference, in the plane", ""), ("Against the reference, heights", "height_")):
+        table = _reference_table(metrics, [receiver, *estimators], title, f"reference.{prefix}")
+        if table.row_count:
+            yield table
+
+
+def _reference_table(metrics: Metrics, names: Sequence[str | None], title: str, prefix: str) -> Table:
+    table = Table(title=title)
     for heading in ("track", "quality"):
         table.add_column(heading)
-    for heading in ("epochs", "RMSE m", "95 % m", "max m", "error / sigma", "inside 95 %"):
+    for heading in ("epochs", "RMSE m", "95 % m", "max m", "error / sigma", "% inside 95 %"):
         table.add_column(heading, justify="right")
-    for name in [receiver, *estimators]:
+    for name in names:
         mine = _of(metrics, name)
-        suffixes = [key.removeprefix("reference.epochs") for key in mine if key.startswith("reference.epochs")]
+        suffixes = [key.removeprefix(f"{prefix}epochs") for key in mine if key.startswith(f"{prefix}epochs")]
         for suffix in suffixes:
             table.add_row(
                 name if not suffix else "",
                 suffix.lstrip("_") or "all",
-                f"{mine[f'reference.epochs{suffix}']:.0f}",
-                *(figure(mine[f"reference.{key}{suffix}_m"]) for key in ("rmse", "p95", "max")),
-                figure(mine[f"reference.error_over_sigma{suffix}"]),
-                figure(mine[f"reference.inside{suffix}_percent"]),
+                f"{mine[f'{prefix}epochs{suffix}']:.0f}",
+                *(figure(mine[f"{prefix}{key}{suffix}_m"]) for key in ("rmse", "p95", "max")),
+                figure(mine[f"{prefix}error_over_sigma{suffix}"]),
+                figure(mine[f"{prefix}inside{suffix}_percent"]),
             )
-    return table if table.row_count else None
+    return table

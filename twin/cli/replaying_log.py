@@ -11,7 +11,7 @@ from typing import Any
 
 from twin.cli import EXIT_OK
 from twin.cli.log_folder import folder_of_log
-from twin.cli.log_tables import innovation_table, quality_table, reference_table, track_table
+from twin.cli.log_tables import innovation_table, quality_table, reference_tables, track_table
 from twin.cli.own_columns import OF_A_LOG, note_misspelt
 from twin.cli.report import Reporter
 from twin.cli.running import load_plugins
@@ -162,7 +162,7 @@ def _report(found: LogReplay, folder: Path, reporter: Reporter, *, rrd: bool) ->
         quality_table(found.metrics, found.receiver),
         innovation_table(found.metrics, estimators),
         track_table(found.metrics, found.receiver, estimators),
-        reference_table(found.metrics, found.receiver, estimators),
+        *reference_tables(found.metrics, found.receiver, estimators),
     ):
         if table is not None:
             reporter.table(table)

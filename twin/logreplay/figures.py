@@ -9,14 +9,16 @@ import numpy as np
 
 from twin.logreplay.reference import ReferencePoints
 from twin.recording import Stream, covariance_column
-from twin.scoring.against_reference import Differences, ReferenceTally
+from twin.scoring.against_reference import Differences, HeightDifferences, ReferenceTally
 from twin.scoring.innovations import InnovationTally
 from twin.scoring.tracks import SmoothnessTally, Track
 from twin.scoring.transitions import TransitionTally
-from twin.signals import HEADING, POSITION, FloatArray, sigma_column
+from twin.signals import HEADING, HEIGHT, POSITION, FloatArray, sigma_column
 
-_EAST, _NORTH = POSITION[:2]
+_EAST, _NORTH, _UP = POSITION
 _RECEIVER_SIGMAS = ("sigma_e_m", "sigma_n_m")
+_HEIGHTS = (HEIGHT, _UP)
+"""What tells a height; the first that there is counts."""
 
 
 class Figures:
@@ -29,10 +31,10 @@ class Figures:
         receiver: str | None,
         longest_gap_s: float,
         with_reference: bool,
-        antenna_m: tuple[float, float] = (0.0, 0.0),
+        antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """``estimators`` has their streams' columns, ``antenna_m`` the antenna's place before and left of what they
-        estimate."""
+        """``estimators`` has their streams' columns, ``antenna_m`` the antenna's place before, left of and above what
+        they estimate."""
         self._receiver = receiver
         self._antenna_m = antenna_m
         self._innovations = {name: InnovationTally(columns) for name, columns in estimators.items()}
@@ -42,6 +44,10 @@ class Figures:
         self._smoothness = {name: SmoothnessTally(longest_gap_s) for name in told}
         self._transitions = TransitionTally(longest_gap_s)
         self._references = {name: ReferenceTally() for name in told} if with_reference else {}
+        heights = {name: next((each for each in _HEIGHTS if each in own), None) for name, own in estimators.items()}
+        self._height_columns = {name: column for name, column in heights.items() if column is not None}
+        high = ([receiver] if receiver is not None else []) + list(self._height_columns)
+        self._heights = {name: ReferenceTally(HeightDifferences) for name in high} if with_reference else {}
 
     def add_receiver(self, stream: Stream, reference: ReferencePoints | None) -> Stream | None:
         """Take what the receiver measured; return its errors, where there is a reference."""
@@ -53,7 +59,10 @@ class Figures:
         east, north = (_claimed_variance(_column(stream, name)) for name in _RECEIVER_SIGMAS)
         claimed = east, np.zeros(len(stream)), north
         found = _differences((track.east_m, track.north_m), claimed, reference)
-        self._references[self._receiver].add(found, _column(stream, "quality"), reference.fixed)
+        quality = _column(stream, "quality")
+        self._references[self._receiver].add(found, quality, reference.fixed)
+        up, claimed_up = _column(stream, _UP), _claimed_variance(_column(stream, "sigma_u_m"))
+        self._heights[self._receiver].add(_height_differences(up, claimed_up, reference), quality, reference.fixed)
         return _errors(stream, found)
 
     def add_estimates(
@@ -68,6 +77,8 @@ class Figures:
         errors: dict[str, Stream] = {}
         for name, stream in estimates.items():
             self._innovations[name].add(stream)
+            if reference is not None and name in self._height_columns:
+                self._heights[name].add(self._height_of(name, stream, reference), quality, reference.fixed)
             if name not in self._located:
                 continue
             tracks[name] = Track.of(stream)
@@ -80,9 +91,14 @@ class Figures:
             self._transitions.add(quality, tracks)
         return errors
 
+    def _height_of(self, name: str, stream: Stream, reference: ReferencePoints) -> HeightDifferences:
+        column = self._height_columns[name]
+        variance = _column(stream, sigma_column(column)) ** 2
+        return _height_differences(_column(stream, column) + self._antenna_m[2], variance, reference)
+
     def _estimate_differences(self, stream: Stream, reference: ReferencePoints) -> Differences:
         east, north = _column(stream, _EAST), _column(stream, _NORTH)
-        ahead, left = self._antenna_m
+        ahead, left, _ = self._antenna_m
         if ahead or left:
             heading = _column(stream, HEADING)
             east = east + ahead * np.cos(heading) - left * np.sin(heading)
@@ -105,8 +121,9 @@ class Figures:
             if name in self._smoothness:
                 parts |= self._smoothness[name].figures()
             parts |= self._transitions.track_figures(name)
-            if name in self._references:
-                parts |= self._references[name].figures()
+            for tallies in (self._references, self._heights):
+                if name in tallies:
+                    parts |= tallies[name].figures()
             found |= {f"{name}.{key}": value for key, value in parts.items()}
         return found
 
@@ -132,6 +149,10 @@ def _differences(
         cov_en_m2=covariance[1],
         var_n_m2=covariance[2] + at.var_n_m2,
     )
+
+
+def _height_differences(up_m: FloatArray, variance_m2: FloatArray, at: ReferencePoints) -> HeightDifferences:
+    return HeightDifferences(up_m=up_m - at.up_m, var_u_m2=variance_m2 + at.var_u_m2)
 
 
 ERROR_COLUMNS = ("error_m", "error_e_m", "error_n_m", "sigma_m")

@@ -17,7 +17,8 @@ from twin.formats.log import Log
 from twin.recording import Stream
 from twin.signals import POSITION, BoolArray, FloatArray, IntArray, Measurement, nanoseconds
 
-_COLUMNS = (*POSITION, "sigma_e_m", "sigma_n_m", "quality")
+_COLUMNS = (*POSITION, "sigma_e_m", "sigma_n_m", "sigma_u_m", "quality")
+_UP, _SIGMAS, _QUALITY = 2, slice(3, 6), 6
 _READ_AT_ONCE = 512
 _MARGIN_NS = nanoseconds(10.0)
 _FARTHEST_NS = nanoseconds(365.25 * 86_400.0)
@@ -30,8 +31,10 @@ class ReferencePoints:
 
     east_m: FloatArray
     north_m: FloatArray
+    up_m: FloatArray
     var_e_m2: FloatArray
     var_n_m2: FloatArray
+    var_u_m2: FloatArray
     fixed: BoolArray
     """Whether it had a fix of RTK there."""
 
@@ -114,9 +117,11 @@ class ReferenceTrack:
             later = t_ns > np.maximum.accumulate(before)
             t_ns, values = t_ns[later], values[later]
         if len(t_ns) and self._log.origin != self._origin:
-            up = np.nan_to_num(values[:, 2:3])
-            globe = self._log.origin.geodetic(np.concatenate([values[:, :2], up], axis=1))
-            values[:, :3] = self._origin.enu(globe)
+            flat = np.isnan(values[:, _UP])
+            up = np.nan_to_num(values[:, _UP : _UP + 1])
+            globe = self._log.origin.geodetic(np.concatenate([values[:, :_UP], up], axis=1))
+            values[:, : _UP + 1] = self._origin.enu(globe)
+            values[flat, _UP] = math.nan
         return t_ns, values
 
     def at(self, t_ns: IntArray) -> ReferencePoints:
@@ -124,8 +129,9 @@ class ReferenceTrack:
         count = len(self._t_ns)
         if not count:
             lost = np.full(len(t_ns), math.nan)
+            nowhere = np.zeros(len(t_ns), dtype=np.bool_)
             return ReferencePoints(
-                east_m=lost, north_m=lost, var_e_m2=lost, var_n_m2=lost, fixed=np.zeros(len(t_ns), dtype=np.bool_)
+                east_m=lost, north_m=lost, up_m=lost, var_e_m2=lost, var_n_m2=lost, var_u_m2=lost, fixed=nowhere
             )
         after = np.clip(np.searchsorted(self._t_ns, t_ns), 0, count - 1)
         before = np.where(self._t_ns[after] == t_ns, after, np.maximum(after - 1, 0))
@@ -135,12 +141,14 @@ class ReferenceTrack:
         values = (1.0 - share) * self._values[before] + share * self._values[after]
         values[~inside] = math.nan
         # Of what claims no sigma the variance is taken for zero: the difference is then the estimate's alone.
-        variances = np.nan_to_num(values[:, 3:5]) ** 2
-        fixed = inside & (self._values[before, 5] == RTK_FIXED) & (self._values[after, 5] == RTK_FIXED)
+        variances = np.nan_to_num(values[:, _SIGMAS]) ** 2
+        fixed = inside & (self._values[before, _QUALITY] == RTK_FIXED) & (self._values[after, _QUALITY] == RTK_FIXED)
         return ReferencePoints(
             east_m=values[:, 0],
             north_m=values[:, 1],
+            up_m=values[:, _UP],
             var_e_m2=variances[:, 0],
             var_n_m2=variances[:, 1],
+            var_u_m2=variances[:, 2],
             fixed=fixed,
         )

@@ -189,7 +189,7 @@ class _Replayer:
             receiver=self.receiver.name if self.receiver else None,
             longest_gap_s=_GAP_PERIODS * self._period_ns / NS_PER_S,
             with_reference=reference is not None,
-            antenna_m=(ahead, left),
+            antenna_m=settings.vehicle.antenna_xyz_m,
         )
         self.sketch = Sketch()
         self._files = files
