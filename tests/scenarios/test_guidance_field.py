@@ -69,6 +69,13 @@ def _coverage(recording: Recording) -> dict[str, float]:
     return {kind: metrics[f"truth.coverage.{kind}_percent"] for kind in ("covered", "overlap", "skip")}
 
 
+@pytest.mark.parametrize("name", [name for name in bundled() if name.startswith("guidance_field_")])
+def test_ours_is_held_to_half_of_the_pv_filter_or_to_the_bound(name: str) -> None:
+    """Checks of a scenario replace those it inherits: none of these may lose what is asked of all."""
+    asked = {check.ratio_to for check in load(bundled()[name]).scenario.checks if check.metric.startswith("ours.pass")}
+    assert asked & {"pv.pass_to_pass.rms_m", "bound.pass_to_pass.rms_m"}
+
+
 def test_a_short_field_is_covered_as_its_passes_lie() -> None:
     """By a consumer receiver alone, whose steps bend the rows."""
     loaded = load(bundled()["guidance_field_consumer"], settings=[*SHORT, ("driver.follows", "gps"), ("seed", 3)])
