@@ -1,6 +1,7 @@
 """Runs the real command in a process of its own."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -36,6 +37,11 @@ def twin(*arguments: str | Path, cwd: Path, timeout_s: float = 120.0) -> subproc
     )
 
 
+def hears_interrupts() -> None:
+    """Let a new process hear Ctrl-C, which one that was started in the background has been told to ignore."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def interrupted(
     *arguments: str | Path, cwd: Path, number: int, begins_with: str, timeout_s: float = 60.0
 ) -> tuple[int, str]:
@@ -47,6 +53,7 @@ def interrupted(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=hears_interrupts,  # noqa: PLW1509  (no threads here)
     )
     assert process.stdout is not None
     assert begins_with in process.stdout.readline()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.command import environment, interrupted, twin, write_scenario
+from tests.cli.command import environment, hears_interrupts, interrupted, twin, write_scenario
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -43,6 +43,7 @@ def _ends(code: str, cwd: Path) -> tuple[int, str, str]:
         text=True,
         check=False,
         timeout=30.0,
+        preexec_fn=hears_interrupts,
     )
     return done.returncode, done.stdout, done.stderr
 

@@ -92,7 +92,7 @@ def test_who_claims_no_sigma_has_no_recovery() -> None:
     scenario, truth = lossy(20.0, (5.0, 10.0), fixes_of="gnss"), heights(20.0)
     scorer = scored(scenario, truth, estimate_of(truth, np.zeros(len(truth))), fixes_at(20.0, 10.0))
     assert math.isnan(scorer.metrics()["one.height.recovery_s"][0])
-    assert scorer.honesty()["one"].members.tolist() == [0, 0]
+    assert scorer.honesty()["one"].members.tolist() == [0, 0, 0]
 
 
 def test_what_comes_in_hindsight_is_scored_with_the_fixes_before_it() -> None:
