@@ -93,7 +93,7 @@ class FixErrors:
         diluted = np.where(known, fix.hdop / self._least_hdop, 1.0)
         reported = np.sqrt(0.5 * np.square(fix.sigma).sum(axis=1))
         ages = (kind == FIXED) & (fix.age_s > 0.0)  # False for NaN
-        drift = np.where(ages, self._drift_m_s * np.where(ages, fix.age_s, 0.0), 0.0)
+        drift = self._drift_m_s * np.where(ages, fix.age_s, 0.0)
         said = np.where(np.isfinite(reported), reported / np.hypot(self._reports[kind], drift), 1.0)
         wider = np.clip(np.fmax(diluted, said), 1.0, _MOST_WIDER)
         return FixError(
