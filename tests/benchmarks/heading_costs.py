@@ -1,7 +1,7 @@
 """Table 6 of paper 001 beside ours: what each heading filter costs per update, and what it holds in memory.
 
 ``python -m tests.benchmarks.heading_costs`` prints it. An update is one inertial sample with what else the filter
-hears, and the question for its estimate. All filters run in one process, one after the other, over the same drive.
+hears, and the question for its estimate. All filters run in one process, in turns, over the same drive.
 
 **What can be compared.** The paper gives per cents of a Raspberry Pi's processor and memory for a whole ROS node: a
 Python interpreter, its libraries, a subscriber at 50 Hz and the filter; the same node with the least of the filters
